@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import json
 import sys
 import tomllib
 from pathlib import Path
@@ -61,6 +62,7 @@ def generate(app: Sphinx) -> None:
     pages["formats.rst"] = formats_page()
     pages["controllers-list.rst"] = controllers_page()
     pages["steps.rst"] = steps_page()
+    pages["json.rst"] = json_page()
     for stale in set(folder.iterdir()) - {folder / name for name in pages}:
         stale.unlink()
     for name, text in pages.items():
@@ -217,6 +219,26 @@ def steps_page() -> str:
         ]
         if rows:
             lines += _table([["option", "kind", "one of", "default", "what it does"], *rows])
+    return "\n".join(lines) + "\n"
+
+
+def json_page() -> str:
+    """Schemas of what commands print with ``--json``."""
+    schemas = importlib.import_module("metrosep.cli.output_schema")
+    lines = [*_heading("Output of commands as JSON", "=")]
+    lines += [
+        "With ``--json`` a command prints one JSON object on standard output, and nothing else there.",
+        "Keys under ``required`` stay, with meaning and unit, within a minor version; others may be added.",
+        "``null`` is a number that is not known. The schemas are JSON schema, draft 2020-12; in Python",
+        "``metrosep.cli.output_schema.schema_of(COMMAND)`` returns one. The tests check the output of every",
+        "command against them.",
+        "",
+    ]
+    for name in sorted(schemas.OUTPUTS):
+        text = json.dumps(schemas.schema_of(name), indent=1, ensure_ascii=False)
+        lines += [*_heading(name, "-"), ".. code-block:: json", ""]
+        lines += [f"   {line}" for line in text.splitlines()]
+        lines += [""]
     return "\n".join(lines) + "\n"
 
 

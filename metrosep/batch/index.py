@@ -23,7 +23,7 @@ from metrosep.batch.units import FAILED, RESULT, LeftOut, read_mark, sentences, 
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.limits import STATUS_OF_VERDICT
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 from metrosep.core.readable import digits_of, readable_unit
 from metrosep.io.own_notes import moment_of
 from metrosep.recipe.index_rows import index_columns, index_rows
@@ -294,7 +294,7 @@ def exit_code(rows: list[dict[str, Any]], *, closed: bool = False) -> int:
 # ---- `BatchReport`: what became of every unit of a batch ---------------------------------------
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class BatchReport(PublicObject):
     """What became of every unit of a batch.
 
@@ -328,6 +328,9 @@ class BatchReport(PublicObject):
     out: Path | None = None
     stopped: str | None = None
     document: Mapping[str, Any] = field(default_factory=dict, repr=False)
+
+    def __repr__(self) -> str:
+        return shortened(f"BatchReport({self.summary()})")
 
     def summary(self) -> str:
         """Return one line: how many of which status, and how long it took.

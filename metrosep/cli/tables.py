@@ -116,7 +116,7 @@ def table(
     sidecar = _write(made, out, format_, options, against=against, folds=folds, force=force)
     print_table(out, sidecar, warnings_only=as_json)
     if as_json:
-        click.echo(json.dumps(sidecar, sort_keys=True))
+        click.echo(json.dumps(sidecar, sort_keys=True, allow_nan=False))
     for file in (out, str(sidecar_path(Path(out)))):
         say(f"wrote {file}")
     return 0
@@ -471,7 +471,9 @@ def verify(
         "warnings": [f.problem for f in getattr(result, "findings", ())],
     }
     if as_json:
-        click.echo(json.dumps(found, sort_keys=True))
+        from metrosep.recipe.result import clean
+
+        click.echo(json.dumps(clean(found), sort_keys=True, allow_nan=False))
     else:
         if hasattr(loaded, "headline"):
             say(f"table {loaded.headline}")

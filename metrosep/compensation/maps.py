@@ -38,7 +38,7 @@ from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 from metrosep.core.units import format_length
 
 __all__ = ["CompensationMap", "check_map_limits"]
@@ -451,7 +451,7 @@ class CompensationMap(Corrections, PublicObject):
         }
 
     def __repr__(self) -> str:
-        return (
+        return shortened(
             f"CompensationMap({self.axes[0]}, {self.axes[1]} -> {self.compensates}, {self.x.size} "
             f"columns x {self.y.size} rows, stroke {format_length(self.stroke)}, zero at "
             f"{self._reference_text()})"

@@ -45,7 +45,7 @@ from metrosep.core.errors import DataError, TableError
 from metrosep.core.numbers import choice
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, hash_bytes, history_as_dicts
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 from metrosep.core.runset import Run, RunSet
 from metrosep.separation.positions.expansion import Expansion
 from metrosep.separation.positions.pitch import (
@@ -554,7 +554,7 @@ class CompensationTable(Corrections, PublicObject):
 
     def __repr__(self) -> str:
         ways = "both directions alike" if self.reverse is None else "forward and reverse"
-        return (
+        return shortened(
             f"CompensationTable({self.axis} -> {self.compensates}, {self.positions.size} points, "
             f"{format_along(self.axis, self.span[0])} ... {format_along(self.axis, self.span[1])}, {ways}, "
             f"stroke {format_amount(self.compensates, self.stroke)}, "

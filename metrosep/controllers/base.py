@@ -31,6 +31,7 @@ from metrosep.core.atomic import atomic_stream, atomic_write, require_plain
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
+    FileAccessError,
     FileMissingError,
     ReadError,
     TableError,
@@ -201,6 +202,10 @@ def load_bytes(path: Path, *, max_bytes: int = 50_000_000) -> bytes:
     except FileNotFoundError:
         raise FileMissingError(
             f"{path}: no such file; check the name and the folder", str(path)
+        ) from None
+    except PermissionError:
+        raise FileAccessError(
+            f"{path}: you may not read this file; ask for permission", str(path)
         ) from None
     except OSError as exc:
         raise ReadError(

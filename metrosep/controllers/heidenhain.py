@@ -57,7 +57,13 @@ from metrosep.controllers.options import (
     require_whole_turn,
 )
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
+from metrosep.core.errors import (
+    CorruptFileError,
+    DataError,
+    LimitError,
+    NameNotFoundError,
+    TableError,
+)
 
 __all__ = ["Heidenhain"]
 
@@ -345,7 +351,7 @@ def _chosen(file: _File, wanted: str | None, path: Path) -> str:
             f"{path}: it has a column for each of {names}; choose one with column= (--machine "
             f"column={file.targets[-1]} on the command line)"
         )
-    raise DataError(f"{path}: it has no column {wanted!r}; there are {names}")
+    raise NameNotFoundError(f"{path}: it has no column {wanted!r}; there are {names}")
 
 
 def _looked_up(

@@ -92,6 +92,8 @@ def _beside(path: str | os.PathLike[str]) -> Iterator[tuple[Path, Path]]:
             target.with_name(f"{_prefix(target)}{os.getpid():x}-{secrets.token_hex(4)}.tmp"),
             target,
         )
+    except WriteError:
+        raise
     except OSError as exc:
         reason = exc.strerror or str(exc)
         raise WriteError(

@@ -6,7 +6,7 @@ when the package is imported.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 __all__ = ["Explore", "attached"]
@@ -24,8 +24,9 @@ class _Attached:
     plot: Callable[..., Any]  # draw an object into axes
     to_frame: Callable[[Any], Any]  # a data frame of an object
     to_xarray: Callable[[Any], Any]
-    mask: Callable[..., Any]  # a map or profile without what lies outside, or inside, a region
     save: Callable[[Any, Any], Any]  # an object into a file
+    load_document: Callable[[Any], Any]  # a result of its result.json
+    verbs: Mapping[str, Callable[..., Any]]  # what maps and profiles do by upper layers, by name
     # packages whose ``METHODS`` recipes, the command line and `separate` know by name
     method_packages: tuple[str, ...]
 

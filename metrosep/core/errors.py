@@ -5,18 +5,20 @@
     MetrosepError
     |-- ReadError                     a file cannot become a measurement
     |   |-- FileMissingError (FileNotFoundError)
-    |   |-- UnknownFormatError        no reader knows the content
+    |   |-- FileAccessError (PermissionError)
+    |   |-- UnknownFormatError (ValueError)   no reader knows the content
     |   |-- AmbiguousFormatError      two readers are sure
     |   |-- FormatMismatchError       the content is not what the caller declared
-    |   |-- CorruptFileError          bytes that do not fit (path, offset, field, expected, found)
+    |   |-- CorruptFileError (ValueError)     bytes that do not fit (path, offset, field, expected, found)
     |   `-- UnsupportedFeatureError (NotImplementedError)   a legal file that this version does not read
-    |-- WriteError                    a result cannot be written; nothing half-written is left
+    |-- WriteError (OSError)          a result cannot be written; nothing half-written is left
     |-- DataError (ValueError)        numbers that cannot be used
     |   |-- NotUniformError
     |   |-- TooFewSamplesError
     |   |-- InvalidSamplesError
     |   |   `-- OptionRangeError    an argument out of its range
     |   |-- OptionError (TypeError)   an argument of the wrong kind, an unknown keyword
+    |   |-- NameNotFoundError (KeyError)   no channel, column, part or parameter of that name
     |   `-- UnitError
     |-- FitError
     |   |-- DegenerateFitError
@@ -43,6 +45,7 @@ __all__ = [
     "CorruptFileError",
     "DataError",
     "DegenerateFitError",
+    "FileAccessError",
     "FileMissingError",
     "FitError",
     "FormatMismatchError",
@@ -50,6 +53,7 @@ __all__ = [
     "InvalidSamplesError",
     "LimitError",
     "MetrosepError",
+    "NameNotFoundError",
     "NotConvergedError",
     "NotSeparableError",
     "NotUniformError",
@@ -118,7 +122,24 @@ class FileMissingError(ReadError, FileNotFoundError):
         self.filename = filename
 
 
-class UnknownFormatError(ReadError):
+class FileAccessError(ReadError, PermissionError):
+    """The file is there, and may not be read.
+
+    Parameters
+    ----------
+    message : str
+        What may not be read and what to do.
+    filename : str, optional
+        The file, as for PermissionError.
+    """
+
+    def __init__(self, message: str, filename: str | None = None) -> None:
+        super().__init__(message)
+        self.errno = errno.EACCES
+        self.filename = filename
+
+
+class UnknownFormatError(ReadError, ValueError):
     """No reader recognises the content of the file."""
 
 
@@ -130,7 +151,7 @@ class FormatMismatchError(ReadError):
     """The content is not what the caller declared (a column, a unit, a format)."""
 
 
-class CorruptFileError(ReadError):
+class CorruptFileError(ReadError, ValueError):
     """Bytes do not fit their own format.
 
     Parameters
@@ -182,7 +203,7 @@ class UnsupportedFeatureError(ReadError, NotImplementedError):
     """The file is legal, but uses something this version does not read."""
 
 
-class WriteError(MetrosepError):
+class WriteError(MetrosepError, OSError):
     """A result cannot be written; no half-written file is left behind."""
 
 
@@ -208,6 +229,10 @@ class OptionRangeError(InvalidSamplesError):
 
 class OptionError(DataError, TypeError):
     """An argument of the wrong kind (a truth value or a text for a number), or an unknown keyword."""
+
+
+class NameNotFoundError(DataError, KeyError):
+    """No channel, column, part or parameter has that name."""
 
 
 class ReadOptionError(FormatMismatchError, OptionError):

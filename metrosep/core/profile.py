@@ -15,6 +15,8 @@ from metrosep.core._thumbnails import png_image, profile_thumbnail
 from metrosep.core.arithmetic import HeightArithmetic
 from metrosep.core.attached import attached
 from metrosep.core.errors import InvalidSamplesError, NotUniformError, TooFewSamplesError
+from metrosep.core.measured import Guessed
+from metrosep.core.numbers import quantity
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.public import PublicObject
 from metrosep.core.units import format_length
@@ -26,7 +28,7 @@ _UNIFORM_RTOL = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Profile(Heights, HeightArithmetic, PublicObject):
+class Profile(Heights, HeightArithmetic, Guessed, PublicObject):
     """Heights along a line; frozen, SI, NaN = not measured.
 
     Parameters
@@ -135,12 +137,12 @@ class Profile(Heights, HeightArithmetic, PublicObject):
             )
         return float((self.x[-1] - self.x[0]) / (self.x.size - 1))
 
-    def crop(self, start: float, stop: float) -> Profile:
+    def crop(self, start: float | str, stop: float | str) -> Profile:
         """Return the part with ``start <= x <= stop``.
 
         Parameters
         ----------
-        start, stop : float, m
+        start, stop : float (m) or str with unit
             Limits, ``start < stop``.
 
         Returns
@@ -153,6 +155,7 @@ class Profile(Heights, HeightArithmetic, PublicObject):
         TooFewSamplesError
             If no sample lies inside.
         """
+        start, stop = (quantity(v, k, "length") for v, k in ((start, "start"), (stop, "stop")))
         keep = (self.x >= start) & (self.x <= stop)
         if not keep.any():
             raise TooFewSamplesError(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Iterator, Mapping
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,17 @@ import numpy as np
 
 from metrosep.core.attached import attached
 
-__all__ = ["PublicObject", "same", "state_of"]
+__all__ = ["PublicObject", "same", "shortened", "state_of"]
 
-_ABOUT = ("metadata", "history", "audit", "messages", "notes")
-"""Fields that say where an object came from; `equals` leaves them out."""
+_ABOUT = ("metadata", "history", "audit", "messages", "notes", "out", "files")
+"""Fields that say where an object came from, or lies; `equals` leaves them out."""
+
+
+_ROWS = 12
+"""Of a table in a notebook."""
+
+_LONGEST = 100
+"""Characters of the line of an object."""
 
 
 class PublicObject:
@@ -32,8 +40,8 @@ class PublicObject:
 
         Parameters
         ----------
-        ax : matplotlib Axes, optional
-            Axes to draw into; new ones if omitted.
+        ax : matplotlib Axes or str, optional
+            Axes to draw into; new ones if omitted. Of an estimate also "spectrum" or "psd".
         **options
             ``vmin``, ``vmax``: ends of the scale, in SI or as a text with its unit ("5 nm"); ``unit``:
             unit of the values that are drawn.
@@ -135,6 +143,17 @@ class PublicObject:
         """
         return _alike(self, other, about=True)
 
+    def _repr_html_(self) -> str:
+        """Return the line of the object and the first rows of its table, for notebooks."""
+        from metrosep.core.errors import DataError
+
+        line = f"<p><b>{escape(repr(self))}</b></p>"
+        try:
+            frame = self.to_frame()
+        except DataError:
+            return line
+        return line + str(frame.head(_ROWS).to_html(border=0))
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, PublicObject):
             return NotImplemented
@@ -144,6 +163,20 @@ class PublicObject:
         """Return a hash of class and sizes: equal objects have equal ones."""
         sizes = [getattr(v, "shape", None) for k, v in state_of(self) if k not in _ABOUT]
         return hash((type(self).__name__, *(s for s in sizes if s is not None)))
+
+
+def shortened(text: str) -> str:
+    """Return the line of an object, cut at a word where it is longer than 100 characters.
+
+    Examples
+    --------
+    >>> len(shortened("Recording(" + "channel, " * 40 + ")")), shortened("Run(1)")
+    (99, 'Run(1)')
+    """
+    if len(text) <= _LONGEST:
+        return text
+    kept = text[: _LONGEST - 5]
+    return kept[: max(kept.rfind(" "), kept.find("(") + 1)].rstrip(" ,;:") + " ...)"
 
 
 def state_of(obj: Any) -> Iterator[tuple[str, Any]]:

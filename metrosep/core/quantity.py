@@ -8,13 +8,13 @@ from typing import Any
 
 from metrosep.core.errors import DataError, UnitError
 from metrosep.core.numbers import is_real, real
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 from metrosep.core.units import format_engineering
 
 __all__ = ["Quantity"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Quantity(PublicObject):
     """A value in SI with unit, definition and standard uncertainty.
 
@@ -100,6 +100,10 @@ class Quantity(PublicObject):
 
     def __neg__(self) -> Quantity:
         return replace(self, value=-self.value, symbol="")
+
+    def __repr__(self) -> str:
+        name = f"{self.symbol} = " if self.symbol else ""
+        return shortened(f"Quantity({name}{self}: {self.definition})")
 
     def __format__(self, spec: str) -> str:
         return str(self)

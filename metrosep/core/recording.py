@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, frozen_float
-from metrosep.core.errors import InvalidSamplesError
+from metrosep.core.errors import InvalidSamplesError, NameNotFoundError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, freeze_mapping
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 
 __all__ = ["Recording"]
 
@@ -84,7 +84,7 @@ class Recording(PublicObject):
             return self.channels[name]
         except KeyError:
             known = ", ".join(self.channels) or "none"
-            raise InvalidSamplesError(f"no channel {name!r}; the recording has {known}") from None
+            raise NameNotFoundError(f"no channel {name!r}; the recording has {known}") from None
 
     @property
     def duration(self) -> float:
@@ -96,7 +96,9 @@ class Recording(PublicObject):
 
     def __repr__(self) -> str:
         names = self._channel_names() or "none"
-        return f"Recording({len(self)} samples over {self.duration:.6g} s, channels {names})"
+        return shortened(
+            f"Recording({len(self)} samples over {self.duration:.6g} s, channels {names})"
+        )
 
     def _repr_html_(self) -> str:
         """Return a small table for notebooks."""

@@ -19,7 +19,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.numbers import positive
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping, hash_bytes
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 from metrosep.core.units import format_length
 
 __all__ = ["Run", "RunSet"]
@@ -159,7 +159,7 @@ class Run(PublicObject):
         way = "forward" if self.direction > 0 else "reverse"
         feed = "feed unknown" if self.feed is None else f"{self.feed / _MM_PER_MIN:.6g} mm/min"
         gaps = f", {self.n_invalid} not measured" if self.n_invalid else ""
-        return (
+        return shortened(
             f"Run({self.run_id!r}: {self.x.size} samples, {format_length(float(self.x[0]))} ... "
             f"{format_length(float(self.x[-1]))}, {way}, {feed}{gaps})"
         )
@@ -409,7 +409,7 @@ class RunSet(PublicObject):
     def __repr__(self) -> str:
         feeds, ways = self._summary()
         plural = "run" if len(self) == 1 else "runs"
-        return (
+        return shortened(
             f"RunSet({len(self)} {plural}, {feeds}, {ways}, common travel "
             f"{self._travel_text(' ... ')})"
         )

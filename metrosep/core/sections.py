@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray, position
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import DataError, TooFewSamplesError, UnitError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -30,6 +30,7 @@ __all__ = [
     "distance",
     "harmonics",
     "height_at",
+    "heights_at",
     "is_calibrated",
     "read_line",
     "section_profile",
@@ -83,7 +84,7 @@ def section_profile(
     [0.0, 2.2]
     """
     unit = "m" if is_calibrated(surface) else "px"
-    a, b = position(a, "a"), position(b, "b")
+    a, b = _place(surface, a, "a"), _place(surface, b, "b")
     x, z, _, share = read_line(surface, a, b, method)
     ends = {f"from_{unit}": list(a), f"to_{unit}": list(b)}
     step = {**ends, "reading": method, "bilinear_share": share}
@@ -136,11 +137,13 @@ def circle_section(
     >>> import numpy as np
     >>> plane = Surface(np.arange(21.0) + np.zeros((21, 1)), dx=1.0, dy=1.0)
     >>> ring = circle_section(plane, (10.0, 10.0), 5.0)
-    >>> len(ring), round(ring.z[0], 9), [round(a, 9) for a in harmonics(ring, [1, 2])[0]]
+    >>> len(ring), round(float(ring.z[0]), 9), harmonics(ring, [1, 2])[0].round(9).tolist()
     (32, 15.0, [5.0, 0.0])
     """
     unit = "m" if is_calibrated(surface) else "px"
-    x, y = position(centre, "centre")
+    x, y = _place(surface, centre, "centre")
+    if isinstance(radius, str) and not is_calibrated(surface):
+        raise _in_pixels("radius")
     r = positive(radius, "radius", dimension="length")
     (x0, y0), (dx, dy) = _grid(surface)
     if not 2.0 * math.pi * r < _MOST_SAMPLES * min(dx, dy):
@@ -149,7 +152,7 @@ def circle_section(
     angle = 2.0 * np.pi * np.arange(n) / n
     column = (x + r * np.cos(angle) - x0) / dx
     row = (y + r * np.sin(angle) - y0) / dy
-    z, share = _heights(surface, row, column, method)
+    z, share = heights_at(surface, row, column, method)
     step = {f"centre_{unit}": [x, y], f"radius_{unit}": r, "reading": method}
     history = (*surface.history, Step("circle section", {**step, "bilinear_share": share}))
     return Profile(r * angle, z, metadata=surface.metadata, history=history)
@@ -174,8 +177,8 @@ def height_at(
 ) -> float:
     """Return the height of a map at a point; NaN where it was not measured (m)."""
     (x0, y0), (dx, dy) = _grid(surface)
-    x, y = position(point, "point")
-    z, _ = _heights(surface, np.array([(y - y0) / dy]), np.array([(x - x0) / dx]), method)
+    x, y = _place(surface, point, "point")
+    z, _ = heights_at(surface, np.array([(y - y0) / dy]), np.array([(x - x0) / dx]), method)
     return float(z[0])
 
 
@@ -238,7 +241,7 @@ def read_line(
     """Return distances, heights, length, and the share of heights that were read bilinearly."""
     if not isinstance(surface, Surface):
         raise DataError(f"a section is cut through a Surface, got {type(surface).__name__}")
-    (ax, ay), (bx, by) = position(a, "a"), position(b, "b")
+    (ax, ay), (bx, by) = _place(surface, a, "a"), _place(surface, b, "b")
     (x0, y0), (dx, dy) = _grid(surface)
     length = math.hypot(bx - ax, by - ay)
     if not 0.0 < length < _MOST_SAMPLES * min(dx, dy):
@@ -252,8 +255,22 @@ def read_line(
     # ends that lie on pixels stay there: the parts are taken of differences
     column = (ax - x0) / dx + part * ((bx - ax) / dx)
     row = (ay - y0) / dy + part * ((by - ay) / dy)
-    z, share = _heights(surface, row, column, method)
+    z, share = heights_at(surface, row, column, method)
     return part * length, z, length, share
+
+
+def _place(surface: Surface, point: Sequence[float | str], name: str) -> tuple[float, float]:
+    """Return a position, in pixels of a map without lateral calibration, where a unit is refused."""
+    given = point if isinstance(point, list | tuple) else ()
+    if not is_calibrated(surface) and any(isinstance(v, str) for v in given):
+        raise _in_pixels(name)
+    return position(point, name)
+
+
+def _in_pixels(name: str) -> UnitError:
+    return UnitError(
+        f"{name} has a unit, but the map has no lateral steps: give pixels, or the map its steps"
+    )
 
 
 def _grid(surface: Surface) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -263,7 +280,7 @@ def _grid(surface: Surface) -> tuple[tuple[float, float], tuple[float, float]]:
     return surface.origin, (surface.dx, surface.dy)
 
 
-def _heights(
+def heights_at(
     surface: Surface, row: FloatArray, column: FloatArray, method: str
 ) -> tuple[FloatArray, float]:
     """Return heights at fractional indices, and the share that was read bilinearly."""

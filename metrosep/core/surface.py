@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,6 +14,8 @@ from metrosep.core._arrays import FloatArray, Heights, frozen_float, position
 from metrosep.core._thumbnails import map_thumbnail
 from metrosep.core.arithmetic import HeightArithmetic
 from metrosep.core.attached import attached
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.measured import Guessed
 from metrosep.core.numbers import positive
 from metrosep.core.profile import html_summary
 from metrosep.core.provenance import Step, freeze_mapping
@@ -25,13 +28,17 @@ if TYPE_CHECKING:
 __all__ = ["Surface"]
 
 
+_SAME_PIXEL = 1e-6
+"""Of a step: a pixel that lies outside by less is inside."""
+
+
 def _checked_step(value: float | str | None, name: str) -> float | None:
     why = "a lateral step that the instrument did not calibrate is None"
     return None if value is None else positive(value, name, dimension="length", why=why)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Surface(Heights, HeightArithmetic, PublicObject):
+class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
     """Heights on a grid; frozen, SI, NaN = not measured.
 
     Row index grows with y and column index with x, z points out of the material: ``z[0, 0]`` is
@@ -118,6 +125,66 @@ class Surface(Heights, HeightArithmetic, PublicObject):
         """Rows and columns, ``(n_y, n_x)``."""
         return (int(self.z.shape[0]), int(self.z.shape[1]))
 
+    def crop(
+        self,
+        x: tuple[float | str, float | str] | None = None,
+        y: tuple[float | str, float | str] | None = None,
+    ) -> Surface:
+        """Return the part between positions, both included.
+
+        Parameters
+        ----------
+        x, y : pair of float (m) or str with unit, optional
+            Least and greatest position; the whole extent if omitted.
+
+        Returns
+        -------
+        Surface
+            The pixels whose centres lie inside, with the origin of the first of them.
+
+        Raises
+        ------
+        DataError
+            If the map has no lateral step along that axis.
+        OptionError
+            If two positions are not given.
+        TooFewSamplesError
+            If no pixel lies inside.
+
+        Examples
+        --------
+        >>> Surface([[0.0, 1e-9, 2e-9]], dx=1e-3, dy=1e-3).crop(x=("0.5 mm", "5 mm")).z.tolist()
+        [[1e-09, 2e-09]]
+        """
+        columns, x0 = self._between(x, "x", 0)
+        rows, y0 = self._between(y, "y", 1)
+        facts = {f"{k}_m": [*position(v, k)] for k, v in (("x", x), ("y", y)) if v is not None}
+        return Surface(
+            self.z[rows, columns],
+            self.dx,
+            self.dy,
+            origin=(x0, y0),
+            metadata=self.metadata,
+            history=(*self.history, Step("crop", facts)),
+        )
+
+    def _between(self, ends: Any, name: str, axis: int) -> tuple[slice, float]:
+        """Return the pixels between two positions along an axis, and the position of the first."""
+        n, step, start = self.shape[1 - axis], (self.dx, self.dy)[axis], self.origin[axis]
+        if ends is None:
+            return slice(0, n), start
+        if step is None:
+            raise DataError(f"the map has no lateral step along {name}: crop needs positions")
+        low, high = position(ends, name)
+        first = max(math.ceil((low - start) / step - _SAME_PIXEL), 0)
+        last = min(math.floor((high - start) / step + _SAME_PIXEL), n - 1)
+        if first > last:
+            raise TooFewSamplesError(
+                f"no pixel between {name} = {format_length(low)} and {format_length(high)}; the map "
+                f"spans {format_length(start)} to {format_length(start + step * (n - 1))}"
+            )
+        return slice(first, last + 1), start + step * first
+
     def __repr__(self) -> str:
         valid = self.z[~np.isnan(self.z)]
         steps = (
@@ -152,39 +219,6 @@ class Surface(Heights, HeightArithmetic, PublicObject):
         if span is not None:
             table["colours"] = " ... ".join(format_length(v) for v in span)
         return html_summary("Surface", table, picture, self.history)
-
-    def mask(self, shape: str, *, outside: bool = True, **keys: Any) -> Surface:
-        """Return the map without what lies outside a region, or inside it.
-
-        Parameters
-        ----------
-        shape : {"circle", "ring", "rectangle", "polygon", "brush"}
-            Of the region. The centre of a pixel decides; edges of a polygon are half-open.
-        outside : bool, optional
-            True: what lies outside is taken out; False: what lies inside.
-        **keys
-            As in a step ``mask`` of a recipe, in m or as texts with units: ``diameter``,
-            ``inner_diameter``, ``width``, ``height``, ``angle``, ``centre``, ``radius``, ``points``.
-
-        Returns
-        -------
-        Surface
-            NaN where it was taken out.
-
-        Raises
-        ------
-        StepError
-            If the region is none.
-        TooFewSamplesError
-            If nothing is left.
-
-        Examples
-        --------
-        >>> Surface([[1.0, 2.0, 3.0]], 1.0, 1.0).mask("circle", diameter=1.0, centre=[2.0, 0.0]).z
-        array([[nan, nan,  3.]])
-        """
-        masked: Surface = attached.mask(self, shape, outside=outside, **keys)
-        return masked
 
     def section(
         self,

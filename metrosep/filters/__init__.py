@@ -7,6 +7,7 @@ from metrosep.filters.chain import primary, roughness, waviness
 from metrosep.filters.gaussian import gaussian, gaussian_support
 from metrosep.filters.morphological import closing, dilation, erosion, opening
 from metrosep.filters.robust import regression_constant, robust_gaussian
+from metrosep.filters.sampling import resample
 from metrosep.filters.spline import spline
 from metrosep.spectral.dft import Band
 
@@ -22,6 +23,7 @@ __all__ = [
     "primary",
     "profile_kind",
     "regression_constant",
+    "resample",
     "robust_gaussian",
     "roughness",
     "spline",

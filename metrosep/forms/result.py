@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotConvergedError
+from metrosep.core.limits import COVERAGE
 from metrosep.core.profile import Profile, html_table
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering, format_length
 from metrosep.forms._correlated import Estimate, estimated, from_model
@@ -181,8 +182,8 @@ class FitResult(PublicObject):
 
     @property
     def coverage_factor(self) -> float:
-        """Student's t for 95 % and `dof_effective`: the expanded uncertainty is this times `u`."""
-        return student(self.dof_effective, 0.975)
+        """Student's t for 95.45 % and `dof_effective`: the expanded uncertainty is this times `u`."""
+        return expanding_factor(self.dof_effective)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -230,7 +231,7 @@ class FitResult(PublicObject):
             found.append(
                 f"{name} can hardly be distinguished from a flat: {bent} = {c:.3g} 1/m, U = {U:.2g} 1/m "
                 f"(power {format_length(c * sag)}, U = {format_length(U * sag)} over the aperture);"
-                f" with 95 % {bounds}"
+                f" with {_SHARE} {bounds}"
             )
         return found
 
@@ -241,7 +242,7 @@ class FitResult(PublicObject):
             return "nothing was free, so there is no uncertainty of the fit"
         if self.covariance_of_noise is not None:
             return (
-                f"u from the noise model that was given, k = {self.coverage_factor:.3g} for 95 %; "
+                f"u from the noise model that was given, k = {self.coverage_factor:.3g} for {_SHARE}; "
                 "what the residual says, scale, reference and repeatability are not in it"
             )
         if not np.isfinite(self.dof_effective):
@@ -255,7 +256,7 @@ class FitResult(PublicObject):
             )
         return (
             f"u {how}, {self.dof_effective:.3g} degrees of freedom, k = {self.coverage_factor:.3g} "
-            "for 95 %; scale, reference and repeatability are not in it"
+            f"for {_SHARE}; scale, reference and repeatability are not in it"
         )
 
     @property
@@ -425,7 +426,9 @@ class FitResult(PublicObject):
 
     def __repr__(self) -> str:
         inside = ", ".join(f"{k}={v:.6g}" for k, v in self.params.items())
-        return f"FitResult({self.form.name}: {inside}; residual RMS {format_length(self.rms)})"
+        return shortened(
+            f"FitResult({self.form.name}, residual RMS {format_length(self.rms)}: {inside})"
+        )
 
     def _repr_html_(self) -> str:
         """Return a table for notebooks."""
@@ -447,6 +450,14 @@ def student(dof: float, share: float) -> float:
     from scipy.special import stdtrit
 
     return float(stdtrit(dof, share)) if dof > 0.0 else float("nan")
+
+
+def expanding_factor(dof: float) -> float:
+    """Return k of every expanded uncertainty, t((1 + p)/2; dof): 2 for a normal one; NaN without freedom."""
+    return student(dof, 0.5 + 0.5 * COVERAGE)
+
+
+_SHARE = f"{100.0 * COVERAGE:.4g} %"
 
 
 def _length(value: float) -> str:

@@ -29,7 +29,7 @@ def to_frame(obj: Any) -> Any:
 
     make = _of(obj, _FRAMES)
     if make is None:
-        raise DataError(f"a {type(obj).__name__} is not a table; there is no to_frame of it")
+        raise DataError(f"{type(obj).__name__} is not a table; there is no to_frame of it")
     return pd.DataFrame(make(obj))
 
 
@@ -43,9 +43,7 @@ def to_xarray(obj: Any) -> Any:
         ) from None
     make = _of(obj, _LABELLED)
     if make is None:
-        raise DataError(
-            f"a {type(obj).__name__} has no axes for xarray; use to_frame or its fields"
-        )
+        raise DataError(f"{type(obj).__name__} has no axes for xarray; use to_frame or its fields")
     return make(xr, obj)
 
 
@@ -170,6 +168,15 @@ def _points(path: Any) -> dict[str, Any]:
     return found or _fields(path)
 
 
+def _spiral(path: Any) -> dict[str, Any]:
+    """Return the points of a spiral program, lead-in first, without a form."""
+    u, _ = path.stations()
+    theta = 2.0 * np.pi * path.turns - u
+    rho, azimuth = u * (path.feed / (2.0 * np.pi)), path.azimuth_of(theta)
+    return {"theta_deg": np.degrees(theta), "rho_mm": rho * _MM, "x_mm": rho * np.cos(azimuth) * _MM,
+            "y_mm": rho * np.sin(azimuth) * _MM}  # fmt: skip
+
+
 def _result(r: Any) -> list[dict[str, Any]]:
     keys = ("name", "metric", "value", "unit", "u", "U", "k", "lower", "upper", "verdict")
     return [{k: c.get(k) for k in keys} for c in r.document.get("characteristics") or []]
@@ -191,7 +198,7 @@ _FRAMES: Mapping[str, Callable[[Any], Any]] = {
     "CompensationTable": _table,
     "CompensationMap": _map,
     "Wavefront": _wavefront,
-    "SpiralPath": _points,
+    "SpiralPath": _spiral,
     "ToolSetting": _fields,
     "Result": _result,
     "BatchReport": _batch,

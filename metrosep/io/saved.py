@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core.atomic import atomic_write, read_plain
+from metrosep.core.attached import attached
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
@@ -62,7 +63,7 @@ def load(path: str | os.PathLike[str]) -> Any:
     Parameters
     ----------
     path : str or path
-        The file.
+        The file; of a result also ``result.json``, whose `produced` is the error of repeated runs or None.
 
     Returns
     -------
@@ -80,6 +81,8 @@ def load(path: str | os.PathLike[str]) -> Any:
     """
     import h5py
 
+    if os.fspath(path).lower().endswith(".json"):
+        return attached.load_document(path)
     try:
         data = read_plain(path, _MOST_BYTES)
     except FileNotFoundError:

@@ -25,6 +25,7 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
+    FileAccessError,
     FileMissingError,
     ReadError,
     UnsupportedFeatureError,
@@ -303,7 +304,10 @@ def _explained(path: str | os.PathLike[str]) -> Iterator[None]:
         message = f"{path}: no such file; check the name and the folder"
         raise FileMissingError(message, os.fspath(path)) from None
     except PermissionError:
-        raise ReadError(f"{path}: you may not read this file; ask for permission") from None
+        message = f"{path}: you may not read this file; ask for permission"
+        raise FileAccessError(message, os.fspath(path)) from None
+    except ReadError:
+        raise
     except (OSError, ValueError) as exc:
         reason = getattr(exc, "strerror", None) or str(exc)
         raise ReadError(f"{str(path)!r}: cannot be read ({reason}); check the path") from None

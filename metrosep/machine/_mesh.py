@@ -54,18 +54,19 @@ class SurfaceMesh:
         return out.reshape((*self.shape, *values.shape[1:]))
 
 
+@dataclass(frozen=True, slots=True)
 class _Moved:
     """A form seen from another centre."""
 
-    def __init__(self, form: Any, centre: tuple[float, float]) -> None:
-        self._form, self._centre = form, centre
+    form: Any
+    centre: tuple[float, float]
 
     def __call__(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        return np.asarray(self._form(x + self._centre[0], y + self._centre[1]), dtype=np.float64)
+        return np.asarray(self.form(x + self.centre[0], y + self.centre[1]), dtype=np.float64)
 
     def gradient(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return dz/dx and dz/dy."""
-        along_x, along_y = self._form.gradient(x + self._centre[0], y + self._centre[1])
+        along_x, along_y = self.form.gradient(x + self.centre[0], y + self.centre[1])
         return np.asarray(along_x, dtype=np.float64), np.asarray(along_y, dtype=np.float64)
 
 

@@ -19,7 +19,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, TooFewSamplesError
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
 from metrosep.machine._responses import MapMaker
@@ -430,7 +430,7 @@ class SensitivityTable(PublicObject):
         return report_text(self)
 
     def __repr__(self) -> str:
-        return (
+        return shortened(
             f"SensitivityTable({len(self.names)} terms, {self.response}, removed "
             f"{', '.join(self.removed) or 'nothing'}, expected Sq "
             f"{format_length(self.expected_sq)}, first {self.order[0]})"

@@ -17,7 +17,7 @@ from metrosep.core._arrays import FloatArray, position
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import choice, positive, quantity
 from metrosep.core.provenance import freeze_mapping
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 from metrosep.core.surface import Surface
 from metrosep.forms.base import Form
 from metrosep.forms.zernike import Zernike, ZernikeOrder
@@ -366,7 +366,7 @@ class Wavefront(PublicObject):
     def __repr__(self) -> str:
         without = f", {', '.join(self.removed)} removed" if self.removed else ""
         glass = "" if self.n is None else f", n = {self.n}"
-        return (
+        return shortened(
             f"Wavefront({self.mode}{glass}, radius {1e3 * self.radius:.6g} mm, rms "
             f"{1e9 * self.rms:.6g} nm, P-V {1e9 * self.peak_to_valley:.6g} nm{without})"
         )

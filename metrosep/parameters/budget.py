@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.limits import COVERAGE
 from metrosep.core.numbers import choice, not_negative, positive, real
 from metrosep.core.quantity import Quantity
 
@@ -42,16 +43,15 @@ _DIGITS = 700
 """Enough for the largest and the smallest float in one number."""
 
 
-def coverage_factor(coverage: float = 0.95, dof: float = math.inf) -> float:
+def coverage_factor(coverage: float = COVERAGE, dof: float = math.inf) -> float:
     """Return the factor k of a two-sided interval from Student's distribution.
 
     Parameters
     ----------
     coverage : float, optional
-        Coverage probability, between 0 and 1.
+        Coverage probability, between 0 and 1; 95.45 % if omitted, as of every U that the program makes.
     dof : float, optional
-        Degrees of freedom, > 0; infinite is the normal distribution. A broken number is cut to
-        the next lower integer, but not below 1.
+        Degrees of freedom, > 0, broken ones as they are; infinite is the normal distribution.
 
     Returns
     -------
@@ -65,12 +65,12 @@ def coverage_factor(coverage: float = 0.95, dof: float = math.inf) -> float:
 
     References
     ----------
-    .. [1] JCGM 100:2008, G.3 and G.4.
+    .. [1] JCGM 100:2008, G.3 and G.4.1, which lets broken degrees of freedom be interpolated.
 
     Examples
     --------
     >>> round(coverage_factor(), 4), round(coverage_factor(0.95, 10), 2)
-    (1.96, 2.23)
+    (2.0, 2.23)
     """
     from scipy.special import ndtri, stdtrit
 
@@ -81,7 +81,7 @@ def coverage_factor(coverage: float = 0.95, dof: float = math.inf) -> float:
     p = 0.5 + 0.5 * coverage
     if math.isinf(dof):
         return float(ndtri(p))
-    return float(stdtrit(max(math.floor(dof), 1), p))
+    return float(stdtrit(dof, p))
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +232,7 @@ class Budget:
         shares: FloatArray = parts * whole
         return shares
 
-    def coverage_factor(self, coverage: float = 0.95) -> float:
+    def coverage_factor(self, coverage: float = COVERAGE) -> float:
         """Return k for a coverage probability and the effective degrees of freedom.
 
         Parameters
@@ -252,7 +252,7 @@ class Budget:
         """
         return coverage_factor(coverage, self.dof)
 
-    def expanded(self, coverage: float = 0.95, *, k: float | None = None) -> float:
+    def expanded(self, coverage: float = COVERAGE, *, k: float | None = None) -> float:
         """Return the expanded uncertainty U = k u_c.
 
         Parameters
@@ -275,7 +275,7 @@ class Budget:
         k = self.coverage_factor(coverage) if k is None else positive(k, "a coverage factor")
         return k * self.combined
 
-    def report(self, value: float, unit: str, *, coverage: float = 0.95) -> str:
+    def report(self, value: float, unit: str, *, coverage: float = COVERAGE) -> str:
         """Return the result in one line, as the GUM wants it.
 
         Parameters
@@ -297,10 +297,10 @@ class Budget:
         DataError
             If the value is not finite or the probability not between 0 and 1.
         """
-        freedom = "" if math.isinf(self.dof) else f", {math.floor(self.dof)} degrees of freedom"
+        freedom = "" if math.isinf(self.dof) else f", {self.dof:.3g} degrees of freedom"
         return (
             f"{report_value(value, self.expanded(coverage), unit)} "
-            f"(k = {self.coverage_factor(coverage):.2f}, {100 * coverage:g} %{freedom})"
+            f"(k = {self.coverage_factor(coverage):.2f}, {100 * coverage:.4g} %{freedom})"
         )
 
     def to_quantity(

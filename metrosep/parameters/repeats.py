@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import documented
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
+from metrosep.core.limits import COVERAGE
 from metrosep.core.numbers import flag
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
@@ -74,7 +75,7 @@ class TypeA:
         """Degrees of freedom, n - 1."""
         return self.n - 1
 
-    def coverage_factor(self, coverage: float = 0.95) -> float:
+    def coverage_factor(self, coverage: float = COVERAGE) -> float:
         """Return k of the mean for a coverage probability, from Student's distribution.
 
         Parameters
@@ -85,7 +86,7 @@ class TypeA:
         Returns
         -------
         float
-            Factor, two-sided: 12.7 for two values at 95 %, 1.96 for very many.
+            Factor, two-sided: 14.0 for two values, 2 for very many.
 
         Raises
         ------

@@ -20,10 +20,16 @@ from numpy.typing import NDArray
 from metrosep._version import __version__
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import documented
-from metrosep.core.errors import DataError, FitError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import (
+    DataError,
+    FitError,
+    InvalidSamplesError,
+    NameNotFoundError,
+    TooFewSamplesError,
+)
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.parameters.arguments import Call, Function, call_of, is_call, unknown
@@ -178,7 +184,7 @@ class ParameterTable(PublicObject, Mapping[str, Quantity]):
             pass
         if own in self.unavailable:
             raise DataError(f"{own} cannot be given: {self.unavailable[own]}")
-        raise KeyError(f"{own!r} is not among {', '.join(self._quantities)}")
+        raise NameNotFoundError(f"{own!r} is not among {', '.join(self._quantities)}")
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._quantities)
@@ -255,7 +261,30 @@ class ParameterTable(PublicObject, Mapping[str, Quantity]):
         columns = ["symbol", "value", "unit", "u", "definition", "edition"]
         return pd.DataFrame(rows, columns=columns).set_index("symbol")
 
+    def __sub__(self, other: Any) -> ParameterTable:
+        """Return the differences of the parameters that both tables hold, u added in squares.
+
+        The two are taken as independent; ratios and angles are subtracted like lengths.
+        """
+        if not isinstance(other, ParameterTable):
+            return NotImplemented
+        both = [s for s in self._quantities if s in other]
+        if not both:
+            raise DataError("the two tables have no parameter in common")
+        found = [
+            replace(self[s] - other[s], symbol=s, definition=f"difference of {self[s].definition}")
+            for s in both
+        ]
+        missing = dict.fromkeys({*self, *other} - {*both}, "only one of the two tables has it")
+        return ParameterTable(found, self.context, unavailable=dict(sorted(missing.items())))
+
     def __repr__(self) -> str:
+        shown = ", ".join(f"{s} {q}" for s, q in self._quantities.items())
+        return shortened(
+            f"ParameterTable({self.context.edition}, {len(self)} parameters: {shown})"
+        )
+
+    def __str__(self) -> str:
         head = f"ParameterTable, {self.context.edition}, {self.context.chain}"
         share = f"{self.context.n_valid} of {self.context.n_total} valid"
         lines = [f"  {s:<6} {q}" for s, q in self._quantities.items()]

@@ -13,6 +13,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import positive
 from metrosep.core.readable import digits_of, readable_unit
+from metrosep.plot.accepted import takes_separations
 from metrosep.plot.placing import place_grid
 from metrosep.plot.style import (
     BAND_FACTOR,
@@ -224,6 +225,7 @@ def draw_map(
 _PIXELS = "positions x and y are in pixels"
 
 
+@takes_separations
 def flat_maps(
     result: Separation, *, parts: Sequence[str] | None = None, uncertainty: bool = False
 ) -> Figure:
@@ -298,6 +300,7 @@ def _merged(items: Sequence[Unobservable]) -> list[Unobservable]:
 _MOST_NUMBERS = 12
 
 
+@takes_separations
 def stitch_layout(result: Separation, ax: Axes | None = None) -> Axes:
     """Draw the outline of each sub-aperture, numbered; those that do not fit stand out.
 
@@ -358,6 +361,7 @@ def stitch_layout(result: Separation, ax: Axes | None = None) -> Axes:
     return axes
 
 
+@takes_separations
 def overlap_mismatch(result: Separation, ax: Axes | None = None) -> Axes:
     """Draw the RMS mismatch of each pair of sub-apertures as a matrix.
 
@@ -425,6 +429,7 @@ def overlap_mismatch(result: Separation, ax: Axes | None = None) -> Axes:
     return axes
 
 
+@takes_separations
 def stitched_surface(result: Separation, ax: Axes | None = None) -> Axes | Figure:
     """Draw what was stitched: maps on one colour scale, or a profile with its band.
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.plot.accepted import takes_separations
 from metrosep.plot.polar import readable_unit
 from metrosep.plot.style import (
     BAND_FACTOR,
@@ -56,6 +57,7 @@ _LINES = (COLOURS["estimate"], COLOURS["after"], COLOURS["reverse"], COLOURS["be
 _DASHES: tuple[Any, ...] = ("-", DASHED, DOTTED, (0, (6, 1.5, 1.2, 1.5)))
 
 
+@takes_separations
 def straightness_parts(
     result: Separation | Mapping[str, Separation], *, figure: Figure | None = None
 ) -> Figure:

@@ -9,7 +9,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, OptionError
-from metrosep.core.numbers import quantity
+from metrosep.core.numbers import choice, quantity
 from metrosep.core.readable import readable_unit
 from metrosep.core.units import parse_unit
 from metrosep.plot.maps import draw_map
@@ -29,7 +29,7 @@ _SIDE = 512
 
 def draw_object(
     obj: Any,
-    ax: Axes | None = None,
+    ax: Axes | str | None = None,
     *,
     unit: str | None = None,
     vmin: float | str | None = None,
@@ -42,8 +42,9 @@ def draw_object(
     ----------
     obj : object
         A public object, or the document of a result.
-    ax : matplotlib Axes, optional
-        Axes to draw into; new ones if omitted.
+    ax : matplotlib Axes or str, optional
+        Axes to draw into, new ones if omitted; or what is drawn of an object with several pictures
+        ("spectrum" or "psd" of an estimate).
     unit : str, optional
         Unit of the values that are drawn, such as "nm"; one in which they read well if omitted.
     vmin, vmax : float (SI) or str with unit, optional
@@ -67,7 +68,11 @@ def draw_object(
         (_PICTURES[c.__name__] for c in type(obj).__mro__ if c.__name__ in _PICTURES), None
     )
     if found is None:
-        raise DataError(f"a {type(obj).__name__} has no picture; it is in to_frame or its fields")
+        raise DataError(
+            f"{type(obj).__name__} has no picture; its values are in to_frame or its fields"
+        )
+    if isinstance(ax, str):  # error.plot("spectrum")
+        ax, options = None, {"kind": ax, **options}
     scale = _Scale(unit, vmin, vmax)
     with house_style():
         try:
@@ -196,7 +201,11 @@ def _runs(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
     return axes
 
 
-def _estimate(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
+def _estimate(obj: Any, ax: Axes | None, scale: _Scale, *, kind: str = "error") -> Axes:
+    if choice(kind, "the picture of an estimate", ("error", "spectrum", "psd")) != "error":
+        from metrosep.plot.spectra import residual_psd, spectrum
+
+        return (spectrum if kind == "spectrum" else residual_psd)(obj, ax)
     axes = axes_or_new(ax)
     x = np.linspace(obj.start, obj.stop, 601)
     curves = {d: (obj.evaluate(x, direction=d), obj.sd(x, direction=d)) for d in obj.directions}
@@ -287,6 +296,49 @@ def _wavefront(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
     return wavefront_map(obj, ax=ax)
 
 
+def _spiral(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
+    """Draw the points of a program as the part is seen from above, and its rim."""
+    axes = axes_or_new(ax, size=(4.6, 4.4))
+    rows = obj.to_frame()
+    axes.plot(
+        rows["x_mm"], rows["y_mm"], ".", color=COLOURS["estimate"], markersize=1.5,
+        rasterized=len(rows) > _SIDE**2 // 8,
+    )  # fmt: skip
+    around = np.linspace(0.0, 2.0 * np.pi, 361)
+    rim = obj.radius * 1e3
+    axes.plot(rim * np.cos(around), rim * np.sin(around), color=COLOURS["line"], linewidth=0.7)
+    axes.set(xlabel="x / mm", ylabel="y / mm", aspect="equal")
+    return axes
+
+
+def _setting(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
+    """Draw the factors of a tool setting as bars with ± 2 u."""
+    axes = axes_or_new(ax)
+    names = ("dx", "dy", "dR")
+    held = np.array([getattr(obj, n) for n in names])
+    u = np.array([getattr(obj, f"u_{n}") or 0.0 for n in names])
+    spread = BAND_FACTOR * np.where(np.isfinite(u), u, 0.0)
+    name, factor = scale.of(float((np.abs(held) + spread).max()), "m")
+    axes.bar(range(3), held / factor, yerr=spread / factor, color=COLOURS["estimate"])
+    axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7)
+    axes.set_xticks(range(3), list(names))
+    axes.set_ylabel(f"error of the setting ± {BAND_FACTOR:.0f} u / {name}")
+    scale.limit(axes, factor, "m")
+    return axes
+
+
+def _batch(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
+    """Draw how many units have which status."""
+    axes = axes_or_new(ax)
+    outside = ("total", "skipped")
+    counts = {k: n for k, n in obj.counts.items() if n and k not in outside}
+    if not counts:
+        raise DataError("this batch has no units: nothing to draw")
+    axes.barh([*counts][::-1], [*counts.values()][::-1], color=COLOURS["estimate"])
+    axes.set(xlabel="units / 1", ylabel="status / 1", title=obj.summary())
+    return axes
+
+
 def _result(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
     """Draw the figure of the first page of a report."""
     from metrosep.plot.summary import charts_of, drawable
@@ -314,5 +366,8 @@ _PICTURES: Mapping[str, Callable[..., Any]] = {
     "FitResult": _fit,
     "SensitivityTable": _sensitivity,
     "Wavefront": _wavefront,
+    "SpiralPath": _spiral,
+    "ToolSetting": _setting,
+    "BatchReport": _batch,
     "Result": _result,
 }

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError
+from metrosep.plot.accepted import takes_documents
 from metrosep.plot.style import (
     COLOURS,
     DASHED,
@@ -39,6 +40,7 @@ _PEAK_PROMINENCE_DECADES = 0.7
 """A peak is labelled if it stands this many decades of PSD above the valleys beside it."""
 
 
+@takes_documents
 def spectrum(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
     """Return axes with the amplitude over wavelength: every feedrate, and what was selected.
 
@@ -140,6 +142,7 @@ def _draw_selection(axes: Axes, lines: Mapping[str, Any], scale: float) -> None:
                 )
 
 
+@takes_documents
 def residual_psd(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
     """Return axes with the power spectral density of what was separated from the error.
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from metrosep.compensation.area_errors import is_rotary, numbers_of
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.plot.accepted import takes_documents, takes_separations
 from metrosep.plot.charts import draw_chart
 from metrosep.plot.left_out import left_out_plot, was_predicted
 from metrosep.plot.spectra import residual_psd, spectrum
@@ -47,6 +48,7 @@ __all__ = [
 ]
 
 
+@takes_documents
 def drawable(document: Mapping[str, Any]) -> dict[str, Callable[..., Axes | Figure]]:
     """Return the drawing functions that have something to draw, by name.
 
@@ -79,6 +81,7 @@ def drawable(document: Mapping[str, Any]) -> dict[str, Callable[..., Axes | Figu
     return found
 
 
+@takes_documents
 def charts_of(document: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the charts that a result describes, of its separation and of its plan.
 
@@ -103,6 +106,7 @@ def _chart(document: Mapping[str, Any], *, number: int) -> Axes | Figure:
     return draw_chart(charts_of(document)[number])
 
 
+@takes_documents
 def overview(document: Mapping[str, Any]) -> Figure:
     """Return one figure with the error before and after over the spectrum.
 
@@ -133,6 +137,7 @@ def overview(document: Mapping[str, Any]) -> Figure:
 # ---- the error over position: estimate with its band, and each feedrate before and after -------
 
 
+@takes_documents
 def before_after(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
     """Return axes with the error over position before and after compensation.
 
@@ -266,6 +271,7 @@ _SCALES = (
 )
 
 
+@takes_separations
 def reversal_quartet(
     separation: Separation, readings: ArrayLike, *, names: Sequence[str] = ("m1", "m2")
 ) -> Figure:
@@ -314,6 +320,7 @@ def reversal_quartet(
     return figure
 
 
+@takes_separations
 def parts_plot(separation: Separation, ax: Axes | None = None) -> Figure | Axes:
     """Return the parts of a separation over position or angle, one panel each.
 
@@ -351,6 +358,7 @@ def parts_plot(separation: Separation, ax: Axes | None = None) -> Figure | Axes:
     return figure
 
 
+@takes_documents
 def separation_parts(document: Mapping[str, Any]) -> Figure:
     """Return the parts of a stored separation, as `parts_plot` draws them.
 
@@ -438,6 +446,7 @@ def _scale(curves: Sequence[FloatArray], unit: str) -> tuple[float, str]:
 # ---- the compensation table as a controller interpolates it ------------------------------------
 
 
+@takes_documents
 def table_plot(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
     """Return axes with the corrections of the table over position.
 

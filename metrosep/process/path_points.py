@@ -15,7 +15,8 @@ from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, LimitError, TooFewSamplesError, UnitError
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
+from metrosep.core.units import format_length
 from metrosep.process._plain import Frozen, OnPart, frozen, length
 from metrosep.process.interpolation import (
     EndCondition,
@@ -424,7 +425,7 @@ _MOST_POINTS = 10_000_000
 """Of a program that is worked on at once: about 1 GB."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SpiralPath(PublicObject):
     """Points of a block program on a spiral from the rim to the centre, and what joins them.
 
@@ -549,6 +550,12 @@ class SpiralPath(PublicObject):
             raise DataError(
                 f"least-squares knots have not-a-knot ends, got end={self.end!r}; leave end out"
             )
+
+    def __repr__(self) -> str:
+        return shortened(
+            f"SpiralPath(radius {format_length(self.radius)}, feed {format_length(self.feed)}, "
+            f"{self.n_points} points, {self.distribution}, {self.interpolation}, {self.sense})"
+        )
 
     @classmethod
     def with_points(

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError
-from metrosep.core.limits import COVERAGE, FROM_FIT, limit_problem
+from metrosep.core.limits import FROM_FIT, limit_problem
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.decision import Verdict, decide, worst
 from metrosep.recipe.steps import METRICS
@@ -89,16 +89,11 @@ def _origin(check: Mapping[str, Any], quantity: Quantity) -> tuple[float, str]:
     """Return the coverage factor of U of a check, and where U comes from."""
     if "U" in check:
         return check.get("k", 2.0), str(check.get("U_from", "stated"))
+    from metrosep.forms.result import expanding_factor
+
     dof = quantity.dof
-    k = 2.0 if dof is None else _coverage_factor(dof)
+    k = 2.0 if dof is None else expanding_factor(dof)
     return k, quantity.u_source or "of the method"
-
-
-def _coverage_factor(dof: float) -> float:
-    """Return k of a two-sided interval with the coverage of all of them (Student)."""
-    from metrosep.forms.result import student
-
-    return student(dof, 0.5 + 0.5 * COVERAGE)
 
 
 def _metrics(
@@ -265,7 +260,7 @@ def _by_the_fit(
     two-sided. A radius is judged by its curvature, which is normal where the radius is not.
     """
     from metrosep.forms.conic import curvature_name
-    from metrosep.forms.result import student
+    from metrosep.forms.result import expanding_factor, student
 
     metric, factor = check["metric"], check.get("guard_factor", 1.0)
     quantity = found[metric]
@@ -292,7 +287,7 @@ def _by_the_fit(
     if judged_by.u is None:
         why = f"the fit does not know the uncertainty of {metric}: state U"
         return None, factor, "inconclusive", {"reason": why, "u_source": _OF_FIT}
-    one, two = student(quantity.dof, 0.95), _coverage_factor(quantity.dof)
+    one, two = student(quantity.dof, 0.95), expanding_factor(quantity.dof)
     verdict = decide(judged_by.value, **bounds, U=one * judged_by.u, guard_factor=factor)
     said = (
         f"U from the residual of this fit, k = {two:.2f}, {quantity.dof:.3g} degrees of freedom; "

@@ -25,7 +25,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.atomic import atomic_write, read_plain
 from metrosep.core.errors import CorruptFileError, DataError, ReadError
 from metrosep.core.provenance import Step
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 from metrosep.core.runset import Run, RunSet
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ _CELLS = 2001
 _MOST_BYTES = 2**30
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Result(PublicObject):
     """What a recipe produced.
 
@@ -98,6 +98,40 @@ class Result(PublicObject):
     def verdict(self) -> str | None:
         """Verdict over all checks; None without checks."""
         return self.document["verdict"]  # type: ignore[no-any-return]
+
+    def __repr__(self) -> str:
+        found = self.document.get("characteristics") or []
+        verdict = self.document.get("verdict")
+        return shortened(
+            f"Result({type(self.produced).__name__}, {len(found)} "
+            f"characteristic{'' if len(found) == 1 else 's'}, "
+            f"{'nothing judged' if verdict is None else f'verdict {verdict}'}, "
+            f"{len(self.files)} file{'' if len(self.files) == 1 else 's'})"
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Save the result: as its document where the name ends in ``.json``, else with every bit.
+
+        Parameters
+        ----------
+        path : str or path
+            ``result.json``, or an HDF5 file.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        DataError
+            If `produced` holds something that cannot be saved.
+        WriteError
+            If the file cannot be written.
+        """
+        if os.fspath(path).lower().endswith(".json"):
+            return self.write(path)
+        return PublicObject.save(self, path)
 
     def to_json(self) -> bytes:
         """Return the document as bytes.

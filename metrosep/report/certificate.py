@@ -333,9 +333,9 @@ def expanded_of(entry: Document, row: CharacteristicRow) -> tuple[float | None, 
         return None, None
     k = _NORMAL_K
     if entry.get("dof") is not None:
-        from metrosep.forms.result import student
+        from metrosep.forms.result import expanding_factor
 
-        k = student(float(entry["dof"]), 0.5 + 0.5 * COVERAGE)
+        k = expanding_factor(float(entry["dof"]))
     return k * row.u, k
 
 

@@ -25,7 +25,7 @@ from metrosep.core.methods import Method
 from metrosep.core.options import Option
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_engineering, format_length
 from metrosep.separation._readings import plain, require_turn
@@ -347,7 +347,9 @@ class Separation(PublicObject):
     def __repr__(self) -> str:
         parts = "; ".join(f"{k} {v}" for k, v in self._rows().items() if k in self.parts)
         n = len(self.null_space)
-        return f"Separation({self.method}: {parts}; {n} null-space term{'' if n == 1 else 's'})"
+        return shortened(
+            f"Separation({self.method}: {parts}; {n} null-space term{'' if n == 1 else 's'})"
+        )
 
     def _repr_html_(self) -> str:
         """Return a small table for notebooks."""

@@ -24,6 +24,8 @@ WANTED = {
     "WriteOptionError": 2,
     "ReadError": 4,
     "FileMissingError": 4,
+    "FileAccessError": 4,
+    "NameNotFoundError": 2,
     "RecipeMissingError": 2,
     "UnknownFormatError": 4,
     "AmbiguousFormatError": 4,

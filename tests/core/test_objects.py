@@ -11,6 +11,7 @@ from metrosep.errors import (
     DataError,
     InvalidSamplesError,
     MetrosepError,
+    NameNotFoundError,
     NotUniformError,
     TooFewSamplesError,
 )
@@ -118,7 +119,7 @@ def test_recording_finds_channels_by_name():
 
     assert recording["gap"].tolist() == [1, 2, 3]
     assert recording.duration == pytest.approx(0.2, abs=1e-15)
-    with pytest.raises(InvalidSamplesError, match="no channel 'gip'; the recording has gap"):
+    with pytest.raises(NameNotFoundError, match="no channel 'gip'; the recording has gap"):
         recording["gip"]
     with pytest.raises(InvalidSamplesError, match="strictly increasing"):
         ms.Recording([0, 0], {"a": [1, 2]})

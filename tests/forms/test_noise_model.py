@@ -44,7 +44,7 @@ def test_sphere_under_a_given_noise(length):
         corr, rel=1e-5, abs=0.0
     )  # R falls as c grows
     assert "noise model that was given" in found.assumption
-    assert found.coverage_factor == pytest.approx(1.959964, rel=1e-6, abs=0.0)
+    assert found.coverage_factor == pytest.approx(2.0, rel=1e-6, abs=0.0)
 
 
 def test_profile_with_gaps_scatters_as_said():

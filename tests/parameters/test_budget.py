@@ -41,10 +41,11 @@ def test_coverage_factors_are_those_of_table_g2(dof, coverage, printed):
     assert coverage_factor(coverage, dof) == pytest.approx(printed, abs=0.005)
 
 
-def test_broken_freedom_is_cut_downwards_and_below_one_to_one():
-    """JCGM 100, G.4.1 note: interpolate or cut to the next lower integer."""
-    assert coverage_factor(0.95, 16.99) == coverage_factor(0.95, 16)
-    assert coverage_factor(0.95, 0.5) == coverage_factor(0.95, 1)
+def test_broken_freedom_lies_between_its_neighbours():
+    """JCGM 100, G.4.1 note: interpolate or cut; one rule for every U, t((1 + p)/2; nu) as it is."""
+    assert coverage_factor(0.95, 17) < coverage_factor(0.95, 16.7) < coverage_factor(0.95, 16)
+    assert coverage_factor(dof=8) == pytest.approx(2.366, abs=5e-4)
+    assert coverage_factor() == pytest.approx(2.0, abs=1e-8)
 
 
 def end_gauge() -> Budget:
@@ -60,14 +61,18 @@ def end_gauge() -> Budget:
 
 
 def test_the_end_gauge_of_annex_h1():
-    """H.1.4 to H.1.6: u_c = 32 nm, 16 degrees of freedom, U99 = 93 nm (2.92 * 32 nm)."""
+    """H.1.4 to H.1.6: u_c = 32 nm, 16 degrees of freedom, U99 = 93 nm (2.92 * 32 nm).
+
+    The Guide cuts 16.7 to 16 there; with 16.7 itself k is 2.90 and U99 is 92 nm.
+    """
     budget = end_gauge()
 
     assert budget.combined == pytest.approx(31.7e-9, abs=0.05e-9)
     assert math.floor(budget.dof) == 16
-    assert budget.coverage_factor(0.99) == pytest.approx(2.92, abs=0.005)
-    assert budget.expanded(0.99) == pytest.approx(93e-9, abs=0.7e-9)
-    assert "16 degrees of freedom" in budget.report(50.000838e-3, "m", coverage=0.99)
+    assert coverage_factor(0.99, 16) == pytest.approx(2.92, abs=0.005)
+    assert coverage_factor(0.99, 16) * budget.combined == pytest.approx(93e-9, abs=0.7e-9)
+    assert budget.coverage_factor(0.99) == pytest.approx(2.905, abs=0.005)
+    assert "16.7 degrees of freedom" in budget.report(50.000838e-3, "m", coverage=0.99)
 
 
 def test_the_impedance_of_annex_h2_with_its_correlations():
@@ -228,7 +233,7 @@ def test_extreme_magnitudes_are_printed_too():
 def test_a_report_names_k_and_coverage():
     budget = Budget([Contribution("a", 1.4e-9)])
 
-    assert budget.report(107.87e-9, "m") == "(107.9 +- 2.7) nm (k = 1.96, 95 %)"
+    assert budget.report(107.87e-9, "m") == "(107.9 +- 2.8) nm (k = 2.00, 95.45 %)"
     assert budget.to_quantity(107.87e-9, "m", "P-V", symbol="PV").u == 1.4e-9
 
 

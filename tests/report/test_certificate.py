@@ -267,11 +267,13 @@ def test_the_probability_of_conformity_is_that_of_the_guide():
 
 
 def test_k_follows_the_degrees_of_freedom():
-    from metrosep.recipe.characteristics import _coverage_factor
+    from metrosep.forms.result import expanding_factor
+    from metrosep.parameters import coverage_factor
 
     known = {3: 3.306822, 5: 2.648649, 10: 2.283678, 20: 2.133025, 50: 2.051248}
     for dof, k in known.items():
-        assert _coverage_factor(dof) == pytest.approx(k, abs=PROBABILITY)
+        assert expanding_factor(dof) == pytest.approx(k, abs=PROBABILITY)
+        assert coverage_factor(dof=dof) == pytest.approx(k, abs=PROBABILITY)
 
 
 def test_k_and_origin_of_the_uncertainty_stand_on_the_first_page(part):

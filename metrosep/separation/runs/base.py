@@ -19,7 +19,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping, history_as_dicts
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
 from metrosep.separation.covariance import CovarianceModes
@@ -27,6 +27,8 @@ from metrosep.spectral.dft import fourier_sum
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from metrosep.separation.contract import Separation
 
 __all__ = [
     "LINE_POINTS",
@@ -455,12 +457,53 @@ class ErrorEstimate(PublicObject):
         """
         return estimate_from_dict(cls, data)
 
+    def __sub__(self, other: Any) -> Separation:
+        """Return the difference of two estimates over the travel that both cover.
+
+        A part for each direction that both have ("both" where they were not distinguished). u is added
+        in squares; it is not known (NaN) where both were made of the same file. What both removed,
+        piston and slope, is not in it.
+        """
+        from metrosep.separation.contract import Separation
+
+        if not isinstance(other, ErrorEstimate):
+            return NotImplemented
+        ways = [d for d in self.directions if d in other.directions]
+        low, high = max(self.start, other.start), min(self.stop, other.stop)
+        if not ways or not low < high:
+            raise DataError(
+                "the two estimates have no direction or no travel in common: "
+                f"{self!r} and {other!r}"
+            )
+        shared = bool(self._sources() & other._sources())
+        x = np.linspace(low, high, _DIFFERENCE)
+        names = {1: "forward", -1: "reverse", 0: "both"}
+        parts = {
+            names[d]: self.evaluate(x, direction=d) - other.evaluate(x, direction=d) for d in ways
+        }
+        u = {
+            names[d]: np.full(x.size, np.nan)
+            if shared
+            else np.hypot(self.sd(x, direction=d), other.sd(x, direction=d))
+            for d in ways
+        }
+        why = "u is not known: both estimates were made of the same readings"
+        step = Step("subtract", {"left": repr(self), "right": repr(other)})
+        return Separation(
+            "difference", parts, u, dict.fromkeys(parts, "m"), {"x": x}, (),
+            messages=(why,) if shared else (), history=(*self.history, step),
+        )  # fmt: skip
+
+    def _sources(self) -> set[str]:
+        """Return the hashes of the files that the estimate was made of."""
+        return {str(s.parameters["sha256"]) for s in self.history if "sha256" in s.parameters}
+
     def __repr__(self) -> str:
         ways = ", ".join(_NAMES.get(d, "direction not distinguished") for d in self.directions)
         sd = self.sd(np.linspace(self.start, self.stop, 501))
         known = sd[~np.isnan(sd)]
         band = format_length(float(known.mean()), digits=2) if known.size else "not known"
-        return (
+        return shortened(
             f"ErrorEstimate({self.method}, {format_length(self.start)} ... "
             f"{format_length(self.stop)}, {ways}, P-V {self.peak_to_valley()}, mean sd {band})"
         )
@@ -479,6 +522,8 @@ class ErrorEstimate(PublicObject):
 
 
 _BLOCK = 512
+_DIFFERENCE = 601
+"""Positions of the difference of two estimates."""
 """Positions of which the covariance is looked at together."""
 
 
