@@ -138,6 +138,8 @@ class Dialect:
         text = field.strip()
         if not text.isascii():
             text = unicodedata.normalize("NFKC", text.translate(_MINUS)).translate(_MINUS)
+        if not (self.thousands and self.thousands in text) and _NUMBER[self.decimal].fullmatch(text):
+            return text.replace(",", ".").replace("d", "e").replace("D", "e")
         if _SPACED_GROUPS[self.decimal].fullmatch(text):
             text = re.sub(r"[ '\u2019]", "", text)
         if self.thousands and self.thousands in text:
@@ -146,9 +148,11 @@ class Dialect:
             if not re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}(?:{whole}\d{{3}})+(?:{rest}\d*)?", text):
                 return None
             text = text.replace(self.thousands, "")
-        if _NUMBER[self.decimal].fullmatch(text) is None:
-            return None
-        return text.replace(",", ".").replace("d", "e").replace("D", "e")
+        return (
+            None
+            if _NUMBER[self.decimal].fullmatch(text) is None
+            else text.replace(",", ".").replace("d", "e").replace("D", "e")
+        )
 
     def __str__(self) -> str:
         mark = "point" if self.decimal == "." else "comma"
@@ -449,12 +453,15 @@ def _is_unmeasured(line: str) -> bool:
 
 def _fit(sample: Sequence[str], n_head: int, dialect: Dialect) -> _Fit | None:
     """Return the rows of a sample under a dialect: the commonest number of fields makes the table."""
-    split = dialect.split(sample)
-    grouped = dialect
-    if not dialect.thousands and any(_shows_mark(f, dialect) for row in split for f in row):
-        grouped = replace(dialect, thousands=dialect.other_mark)
-    kinds = [[_kind(f, dialect, grouped) for f in fields] for fields in split]
-    numbered = [i for i, k in enumerate(kinds) if "number" in k and "odd" not in k]
+    with_groups = dialect if dialect.thousands else replace(dialect, thousands=dialect.other_mark)
+    head = dialect.split(sample[:n_head])
+    if not any(_is_numbered(k) for k in _kinds(head, dialect, with_groups)):
+        return None  # no row among the first lines, whatever the others are
+    split = [*head, *dialect.split(sample[n_head:])]
+    fields = {f for row in split for f in row}
+    proven = any(_shows_mark(f, dialect) for f in fields)
+    kinds = _kinds(split, dialect, with_groups if proven else dialect)
+    numbered = [i for i, k in enumerate(kinds) if _is_numbered(k)]
     if not numbered:
         return None
     n_raw = Counter(len(split[i]) for i in numbered).most_common(1)[0][0]
@@ -502,6 +509,18 @@ def _shows_mark(field: str, dialect: Dialect) -> bool:
         and _AMBIGUOUS[mark].fullmatch(text) is None
         and dialect.plain(text) is not None
     )
+
+
+def _kinds(
+    split: Sequence[Sequence[str]], dialect: Dialect, grouped: Dialect
+) -> list[list[str]]:
+    """Return what each field is; fields that repeat are looked at once."""
+    kinds = {f: _kind(f, dialect, grouped) for f in {f for row in split for f in row}}
+    return [[kinds[f] for f in row] for row in split]
+
+
+def _is_numbered(kinds: Sequence[str]) -> bool:
+    return "number" in kinds and "odd" not in kinds
 
 
 def _kind(field: str, dialect: Dialect, grouped: Dialect) -> str:
