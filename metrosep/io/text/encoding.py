@@ -89,7 +89,7 @@ def decode(data: bytes, path: object, encoding: str | None = None) -> tuple[str,
         known = _decoded_head(data)
         if known is not None:
             return known
-    name = encoding or _encoding(data)
+    name = encoding or (_head_encoding(data) if len(data) <= HEAD_BYTES else _encoding(data))
     try:
         text = data.decode(name)
     except (UnicodeDecodeError, LookupError) as exc:
@@ -154,7 +154,7 @@ def plain_ends(text: str) -> str:
 @lru_cache(maxsize=2)
 def _decoded_head(data: bytes) -> tuple[str, str] | None:
     """Return what `decode` does of a head that a dozen readers look at; None where it refuses."""
-    name = _encoding(data)
+    name = _head_encoding(data)
     try:
         text = data.decode(name)
     except (UnicodeDecodeError, LookupError):
@@ -187,6 +187,10 @@ def _encoding(data: bytes) -> str:
         if exc.start < len(data) - 4 or len(data) < 1000:
             return _legacy_page(data)
     return "utf-8"
+
+
+_head_encoding = lru_cache(maxsize=2)(_encoding)
+"""Readers look again at a head that is not text; its code pages need not be tried again."""
 
 
 def _legacy_page(data: bytes) -> str:
