@@ -44,6 +44,7 @@ __all__ = [
     "is_number",
     "is_other_unit",
     "n_used",
+    "quantity",
     "split_header",
     "unmeasured_rows",
 ]
@@ -288,9 +289,13 @@ def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
     return names if len(names) == n_columns else None
 
 
+_NO_WORD = re.compile("[\x80-\x9f]|[\xa0-\xff]{3}")
+"""Codes that are no letters, or more of them in a row than words of Latin-1 have."""
+
+
 def encoding_hint(names: Iterable[str]) -> str:
     """Return what to do where names hold codes that are not letters of Latin-1, empty elsewhere."""
-    if not any("\x80" <= c <= "\x9f" for name in names for c in name):
+    if not any(_NO_WORD.search(name) for name in names):
         return ""
     return (
         "the names of the columns are in another encoding than UTF-8 or Latin-1; name it with "
@@ -454,7 +459,7 @@ def _fit(sample: Sequence[str], n_head: int, dialect: Dialect) -> _Fit | None:
     if not dialect.thousands and any(_shows_mark(f, dialect) for row in split for f in row):
         grouped = replace(dialect, thousands=dialect.other_mark)
     kinds = [[_kind(f, dialect, grouped) for f in fields] for fields in split]
-    numbered = [i for i, k in enumerate(kinds) if "number" in k and "odd" not in k]
+    numbered = [i for i, k in enumerate(kinds) if "odd" not in k and _COUNTED & {*k}]
     if not numbered:
         return None
     n_raw = Counter(len(split[i]) for i in numbered).most_common(1)[0][0]
@@ -466,12 +471,12 @@ def _fit(sample: Sequence[str], n_head: int, dialect: Dialect) -> _Fit | None:
             > sum(kinds[i][k] != "missing" for i in alike)
             for k in range(n)
         )
-        for what in (("label", "date"), ("date",))
+        for what in (_TEXTS, ("date",))
     )
     rows = {
         i: split[i][:n]
         for i in alike
-        if not any(kinds[i][k] in ("label", "date") and not labels[k] for k in range(n))
+        if not any(kinds[i][k] in _TEXTS and not labels[k] for k in range(n))
     }
     if not rows or min(rows) >= n_head:
         return None
@@ -486,6 +491,10 @@ def _fit(sample: Sequence[str], n_head: int, dialect: Dialect) -> _Fit | None:
         if start <= i and len(k) >= n and all(kind == "missing" for kind in k)
     }
     return _Fit(dialect, start, n, n_raw, labels, dated, rows, unmeasured)
+
+
+_COUNTED = frozenset({"number", "quantity"})
+_TEXTS = ("label", "date", "quantity")
 
 
 def _is_row_of_words(fields: Sequence[str]) -> bool:
@@ -516,7 +525,18 @@ def _kind(field: str, dialect: Dialect, grouped: Dialect) -> str:
         return "odd" if grouped.plain(text) is None else "number"
     if dialect.separator in {" ", ", "} and any(mark in text for mark in ",;\t"):
         return "odd"
-    return "label"
+    return "label" if quantity(text, dialect) is None else "quantity"
+
+
+_QUANTITY = re.compile(r"([+\-\u2212]?[\d.,]+(?:[eE][+-]?\d+)?)\s*([^\s\d.,+\-][^\d]*)")
+
+
+def quantity(field: str, dialect: Dialect) -> tuple[float, Unit] | None:
+    """Return the number and the unit of a field such as ``1.5 mm``, None for anything else."""
+    found = _QUANTITY.fullmatch(field.strip())
+    plain = None if found is None else dialect.plain(found[1])
+    unit = None if found is None or plain is None else bare_unit(found[2])
+    return None if plain is None or unit is None else (float(plain), unit)
 
 
 class _Fit(NamedTuple):

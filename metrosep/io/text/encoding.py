@@ -26,7 +26,7 @@ ROLE_WORDS: Final[dict[Role, str]] = {
     "位置 位移 距离 行程 坐标 変位量 距離 移動量 座標 "
     "координата положение перемещение расстояние",
     "height": "z height deviation dev error err sensor cap straightness profile reading probe gap topography höhe "
-    "abweichung fehler geradheit profil messwert taster spalt hauteur écart erreur rectitude lecture "
+    "abweichung abw fehler geradheit profil messwert taster spalt hauteur écart erreur rectitude lecture "
     "palpeur altezza scostamento errore rettilineità profilo lettura altura desviación rectitud "
     "perfil lectura palpador 高度 偏差 误差 直线度 轮廓 读数 高さ 誤差 真直度 形状 測定値 "
     "отклонение погрешность высота профиль показание",

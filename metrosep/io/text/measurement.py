@@ -444,7 +444,10 @@ class _Made:
         described = self.described(is_profile=True)
         if _is_monotonic(positions):  # else the runs in the table may be what is meant
             self.table = table = replace(table, columns=(), lines=table.lines[:0])
-        return Profile(positions, heights, **described)
+        try:
+            return Profile(positions, heights, **described)
+        except DataError as exc:
+            raise type(exc)(f"{exc}{_where_it_turns(positions, table)}") from None
 
 
 def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[str, ...]]:
@@ -496,6 +499,22 @@ def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[st
             ),
         )
     return first.name, second.name, ()
+
+
+def _where_it_turns(positions: FloatArray, table: Table) -> str:
+    """Return the lines that may be left out where positions turn or repeat, as words of a message."""
+    steps = np.diff(positions)
+    if not steps.size or not steps[0] or len(table) != positions.size:
+        return ""
+    wrong = np.flatnonzero(np.sign(steps) != np.sign(steps[0]))
+    if not wrong.size:
+        return ""
+    rest, lines = steps[wrong[0] + 1 :], table.lines
+    back = rest.size and np.sign(rest[0]) != np.sign(steps[0]) and np.ptp(np.sign(rest)) == 0
+    last = lines[-1] if back else lines[wrong[0] + 1]
+    span = f"{lines[wrong[0] + 1]}-{last}" if back else f"{last}"
+    what = "what follows, the way back," if back else "that line"
+    return f" (line {int(lines[wrong[0] + 1])}); leave {what} out with skip_lines='{span}'"
 
 
 def _is_empty(column: Column) -> bool:
