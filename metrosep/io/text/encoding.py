@@ -194,9 +194,9 @@ def _legacy_page(data: bytes) -> str:
 
     Only names and units are at stake: digits, marks and separators are the same bytes in each.
     """
-    sample = b"\n".join(
-        itertools.islice((m.group() for m in _BEYOND_ASCII.finditer(data)), _LINES)
-    )
+    lines = itertools.islice((m.group() for m in _BEYOND_ASCII.finditer(data)), _LINES)
+    # a word that every row repeats counts once
+    sample = b"\n".join(dict.fromkeys(line.translate(None, b"0123456789.,+-") for line in lines))
     shares = {page: _known_share(sample, page) for page in _PAGES}
     best = max(_PAGES, key=lambda page: shares[page])
     if shares[best] > _ENOUGH:
