@@ -20,11 +20,14 @@ from metrosep.io.text.encoding import ROLE_WORDS, Role
 from metrosep.io.text.table import Column, Table
 
 __all__ = [
+    "FORWARD",
+    "REVERSE",
     "Role",
     "is_read_too",
     "jumps_back",
     "role_of",
     "runs_in",
+    "tells_direction",
 ]
 
 
@@ -121,8 +124,11 @@ def runs_in(table: Table) -> FoundRuns | None:
     missing = [key for key in ("x", "z") if key not in columns]
     assumed = frozenset(missing if len(missing) == len(other) == 1 else ())
     columns |= dict.fromkeys(assumed, other[0]) if assumed else {}
+    for column in by_role.get("direction", ()):
+        if len(by_role["direction"]) == 1 and tells_direction(column):
+            columns["direction"] = column.name
     units = {k: u.name for k, n in columns.items() if (u := table[n].unit) is not None}
-    undeclared = tuple(n for k, n in columns.items() if k not in units)
+    undeclared = tuple(n for k, n in columns.items() if k not in units and k != "direction")
     z = columns.get("z")
     in_volts = z is not None and (u := table[z].unit) is not None and u.dimension == "voltage"
     facts: dict[str, Any] = {
@@ -147,6 +153,65 @@ def runs_in(table: Table) -> FoundRuns | None:
                 lines = tuple(int(table.lines[i]) for i in (0, *starts))
                 return FoundRuns(len(lines), BLOCKS, lines, **facts)
     return None
+
+
+FORWARD: Final = frozenset(
+    [
+        "fwd",
+        "forward",
+        "forwards",
+        "f",
+        "+",
+        "+1",
+        "1",
+        "1.0",
+        "up",
+        "vor",
+        "vorwärts",
+        "hin",
+        "aller",
+        "avanti",
+        "ida",
+        "正向",
+        "正",
+        "往",
+        "往路",
+    ]
+)
+REVERSE: Final = frozenset(
+    [
+        "rev",
+        "reverse",
+        "r",
+        "bwd",
+        "backward",
+        "backwards",
+        "b",
+        "-",
+        "-1",
+        "-1.0",
+        "down",
+        "zurück",
+        "rück",
+        "rückwärts",
+        "her",
+        "retour",
+        "indietro",
+        "vuelta",
+        "反向",
+        "逆",
+        "復",
+        "復路",
+    ]
+)
+"""How a column of directions says which way a run goes."""
+
+
+def tells_direction(column: Column) -> bool:
+    """Whether every entry of a column is a word or a number for one of the two directions."""
+    values = () if column.values is None else np.unique(column.values).tolist()
+    words = set(column.labels or map(str, values))
+    return bool(words) and {w.strip().casefold() for w in words} <= FORWARD | REVERSE
 
 
 _OF_ROLE: Final = {"feed": ("speed", None), "time": ("time",)}

@@ -70,6 +70,9 @@ _INSTEAD = {
 }
 """How files begin that are known and not read, and what to do with them."""
 
+_LF = b"\n"
+_UNPRINTED = bytes({*range(0x20)} - {*b"\t\n\f\r"})
+
 _KEYS = frozenset(
     {"id", "title", "vendor", "kind", "suffixes", "reader", "reads", "writes", "status"}
 )
@@ -354,6 +357,12 @@ def find(file: RawFile) -> Format:
     for start, instead in _INSTEAD.items():
         if re.match(start, file.head, re.DOTALL | re.IGNORECASE):
             raise UnknownFormatError(f"{file.path}: {instead}")
+    text, zero, _ = file.head.partition(b"\0")
+    if zero and text.count(b"\n") > 1 and text.translate(None, _UNPRINTED) == text:
+        raise UnknownFormatError(
+            f"{file.path}: line {text.count(_LF) + 1} holds a byte of value 0, which no text has; a program that "
+            "was stopped leaves such ends: copy the file again, or cut it off before that line"
+        )
     known = ", ".join(f.id for f in formats() if f.is_measurement)
     raise UnknownFormatError(
         f"{file.path}: no reader knows this content (it starts with {preview(file.head)}); known are "

@@ -42,7 +42,7 @@ from metrosep.core.units import (
     surrounding_header,
 )
 from metrosep.io import registry
-from metrosep.io._roles import jumps_back, runs_in
+from metrosep.io._roles import FORWARD, REVERSE, jumps_back, runs_in
 from metrosep.io.own_runs import own_runs, run_table
 from metrosep.io.several_runs import BLOCKS
 from metrosep.io.source import RawFile, open_file, rate_of
@@ -72,11 +72,6 @@ __all__ = [
 
 FeedSpec: TypeAlias = ColumnSpec | float | Sequence[float | str] | None
 """A column, a number in m/s, text such as ``"7200 mm/min"``, or a list with one per file."""
-
-_FORWARD = frozenset({"fwd", "forward", "forwards", "f", "+", "+1", "1", "1.0", "up", "vor"})
-_REVERSE = frozenset(
-    {"rev", "reverse", "r", "bwd", "backward", "backwards", "b", "-", "-1", "-1.0"}
-)
 
 
 def read_runs(
@@ -397,12 +392,12 @@ def _direction_column(file: RawFile, table: Table, name: str | None) -> NDArray[
     signs = np.zeros(len(table), dtype=np.int64)
     for i, label in enumerate(_texts(column)):
         word = label.strip().casefold()
-        if word not in _FORWARD and word not in _REVERSE:
+        if word not in FORWARD and word not in REVERSE:
             raise FormatMismatchError(
                 f"{file.path}: line {int(table.lines[i])}: direction {label!r} is not known; use fwd and "
                 "rev, forward and backward, or +1 and -1"
             )
-        signs[i] = 1 if word in _FORWARD else -1
+        signs[i] = 1 if word in FORWARD else -1
     return signs
 
 

@@ -526,6 +526,66 @@ case(
 )
 
 
+# names and remarks in quotes over several lines: every line is counted, no row is swallowed
+XN = [round(0.1 * i, 1) for i in range(20)]
+ZN = [round((i * 7 % 11 - 5) * 0.13 + 0.01 * i, 2) for i in range(20)]
+LONG = {"x": [v * 1e-3 for v in XN], "z": [v * 1e-6 for v in ZN]}
+
+
+def long(row, **changed):
+    """Return twenty rows, some of them written otherwise."""
+    rows = (changed.get(f"r{i}", row).format(x=XN[i], z=ZN[i]) for i in range(20))
+    return "".join(f"{text}\n" for text in rows)
+
+
+case("alt-enter.csv", '"Position\n[mm]","Error\n[um]"\n' + long("{x},{z}"), **LONG)
+NOTED = "x_mm,z_um,note\n"
+case("note.csv", NOTED + long("{x},{z},", r5='{x},{z},"a\nb, c\nd"'), **LONG)
+case("first.csv", "x_mm,note,z_um\n" + long("{x},,{z}", r0='{x},"a\nb",{z}'), **LONG)
+case("open.csv", NOTED + long("{x},{z},", r5='{x},{z},"a'), error="line 7.*skip_lines=7")
+case(
+    "swallowed.csv",
+    NOTED + long("{x},{z},", r5='{x},{z},"a', r6='{x},{z},b"'),
+    error="line 7.*skip_lines=7",
+)
+case(
+    "swallowed-many.csv",
+    NOTED + long("{x},{z},", r5='{x},{z},"a', r9='{x},{z},b"'),
+    error="line 7.*skip_lines=7",
+)
+# numbers with their unit in every row
+case("quantities.csv", "x;z\n" + long("{x} mm;{z} um"), **LONG)
+case("quantity.csv", "x_mm;z\n" + long("{x};{z}µm"), **LONG)
+case("comma.csv", ("x;z\n" + long("{x} mm;{z} um")).replace(".", ","), **LONG)
+case("other-unit.csv", "x;z_um\n" + long("{x} mm;{z}", r7="{x} cm;{z}"), error="line 9")
+case("bare.csv", "x;z_um\n" + long("{x} mm;{z}", r7="{x};{z}"), error="line 9")
+case("one-unit.csv", "x_mm;z_um\n" + long("{x};{z}", r7="{x} mm;{z}"), error="line 9")
+case("contradiction.csv", "x_um;z_um\n" + long("{x} mm;{z}"), error="line 2")
+case("sections.txt", "[Header]\nRate=1kHz\n[Data]\nx_mm\tz_um\n" + long("{x}\t{z}"), **LONG)
+case("hash-units.txt", "#x  z\n#mm um\n" + long("{x} {z}"), **LONG)
+case("zeros.csv", ("x_mm,z_um\n" + long("{x},{z}")).encode() + bytes(200), error="line 22")
+case(
+    "there-and-back.csv",
+    "x_mm,z_um\n0,0.5\n0.1,-1.25\n0.2,0.75\n0.2,0.8\n0.1,1.5\n0,2\n",
+    error="skip_lines=5-7",
+)
+case(
+    "there-only.csv",
+    "x_mm,z_um\n0,0.5\n0.1,-1.25\n0.2,0.75\n0.2,0.8\n0.1,1.5\n0,2\n",
+    "--set",
+    "skip_lines=5-7",
+    x=[0, 1e-4, 2e-4],
+    z=[v * 1e-6 for v in W[:3]],
+)
+BOTH = "".join(
+    f"{r};{d};{x};{z}\n".replace(".", ",")
+    for r in (1, 2)
+    for d, step in (("vor", 1), ("zurück", -1))
+    for x, z in list(zip(XN, ZN, strict=True))[::step]
+)
+case("both-ways.csv", "Lauf;Richtung;Soll [mm];Abw. [µm]\n" + BOTH, check="--direction Richtung")
+
+
 def columns_of(path):
     lines = [s for s in path.read_text(encoding="utf-8").split("\n") if s and s[0] != "#"]
     rows = [[float(v or "nan") for v in s.split(",")] for s in lines[1:]]

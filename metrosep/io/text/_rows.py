@@ -13,7 +13,7 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -42,6 +42,7 @@ __all__ = [
     "Ledger",
     "bad_field",
     "joined",
+    "lines_of_field",
     "marker_of",
     "refuse_quotes",
 ]
@@ -352,7 +353,7 @@ class Body:
         blanks = " " if dialect.separator == "\t" else None
         if self._unproven:
             self._prove(text)
-        for number, line in enumerate(every, first):
+        for number, line in self._records(every, first):
             if options.skip_lines and options.sets_aside(number):
                 self.ledger.add("set aside", number, line)
                 continue
@@ -406,6 +407,25 @@ class Body:
         self.ledger.count("data", len(rows))
         lines = np.array(numbers, dtype=np.int64)
         return Block(self._columns(rows, lines), lines)
+
+    def _records(self, every: Sequence[str], first: int) -> Iterator[tuple[int, str]]:
+        """Yield the number of each line and its text; a quoted field over several lines is joined."""
+        if not self._layout.dialect.quoted:
+            yield from enumerate(every, first)
+            return
+        rest = iter(enumerate(every, first))
+        for number, line in rest:
+            more: list[str] = []
+            if line.count('"') % 2:
+                more = lines_of_field(every[number - first :], self._may_be_row)
+                self.ledger.count("data", len(more))
+                for _ in more:
+                    next(rest)
+            yield number, " ".join([line, *more])
+
+    def _may_be_row(self, line: str) -> bool:
+        fields = [f for f in self._layout.dialect.split([line])[0] if f.strip()]
+        return len(fields) >= self._n or any(map(self._layout.dialect.plain, fields))
 
     def _without_remark(self, number: int, line: str, remark: re.Match[str]) -> list[str] | None:
         """Return the fields before a remark where they are a whole row."""
@@ -610,6 +630,23 @@ def _numbers(text: str, mark: str) -> FloatArray:
 
 def _rows(n: int) -> str:
     return "1 row has" if n == 1 else f"{n} rows have"
+
+
+def lines_of_field(lines: Sequence[str], is_row: Callable[[str], object]) -> list[str]:
+    """Return the lines behind the first that a field in quotes takes, none where the quotes do not close.
+
+    A line that could be a row of the table, up to the quote that closes the field, may not be swallowed.
+    """
+    for k, line in enumerate(lines[1:_FIELD_LINES], start=1):
+        if is_row(line.partition('"')[0]):
+            return []
+        if line.count('"') % 2:
+            return list(lines[1 : k + 1])
+    return []
+
+
+_FIELD_LINES = 12
+"""Lines of the longest field in quotes."""
 
 
 def refuse_quotes(file: RawFile, number: int, line: str) -> None:

@@ -80,9 +80,8 @@ def sniff(file: RawFile) -> Match:
     except ReadError:
         return _mostly_digits(sample)
     others = len(sample) - layout.n_fit
-    is_table = layout.ends and (
-        layout.n_fit >= others or (layout.n_fit > 1 and others <= _MAX_TITLES)
-    )
+    whole = layout.ends or (layout.start <= 1 and layout.n_fit >= max(_FEWEST, others))
+    is_table = whole and (layout.n_fit >= others or (layout.n_fit > 1 and others <= _MAX_TITLES))
     return Match.MAYBE if is_table or _is_named(sample, layout) else _mostly_digits(sample)
 
 

@@ -44,6 +44,7 @@ __all__ = [
     "is_number",
     "is_other_unit",
     "n_used",
+    "quantity",
     "split_header",
     "unmeasured_rows",
 ]
@@ -138,7 +139,9 @@ class Dialect:
         text = field.strip()
         if not text.isascii():
             text = unicodedata.normalize("NFKC", text.translate(_MINUS)).translate(_MINUS)
-        if not (self.thousands and self.thousands in text) and _NUMBER[self.decimal].fullmatch(text):
+        if not (self.thousands and self.thousands in text) and _NUMBER[self.decimal].fullmatch(
+            text
+        ):
             return text.replace(",", ".").replace("d", "e").replace("D", "e")
         if _SPACED_GROUPS[self.decimal].fullmatch(text):
             text = re.sub(r"[ '\u2019]", "", text)
@@ -292,9 +295,13 @@ def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
     return names if len(names) == n_columns else None
 
 
+_NO_WORD = re.compile("[\x80-\x9f]|[\xa0-\xff]{3}")
+"""Codes that are no letters, or more of them in a row than words of Latin-1 have."""
+
+
 def encoding_hint(names: Iterable[str]) -> str:
     """Return what to do where names hold codes that are not letters of Latin-1, empty elsewhere."""
-    if not any("\x80" <= c <= "\x9f" for name in names for c in name):
+    if not any(_NO_WORD.search(name) for name in names):
         return ""
     return (
         "the names of the columns are in another encoding than UTF-8 or Latin-1; name it with "
@@ -473,12 +480,12 @@ def _fit(sample: Sequence[str], n_head: int, dialect: Dialect) -> _Fit | None:
             > sum(kinds[i][k] != "missing" for i in alike)
             for k in range(n)
         )
-        for what in (("label", "date"), ("date",))
+        for what in (_TEXTS, ("date",))
     )
     rows = {
         i: split[i][:n]
         for i in alike
-        if not any(kinds[i][k] in ("label", "date") and not labels[k] for k in range(n))
+        if not any(kinds[i][k] in _TEXTS and not labels[k] for k in range(n))
     }
     if not rows or min(rows) >= n_head:
         return None
@@ -493,6 +500,10 @@ def _fit(sample: Sequence[str], n_head: int, dialect: Dialect) -> _Fit | None:
         if start <= i and len(k) >= n and all(kind == "missing" for kind in k)
     }
     return _Fit(dialect, start, n, n_raw, labels, dated, rows, unmeasured)
+
+
+_COUNTED = frozenset({"number", "quantity"})
+_TEXTS = ("label", "date", "quantity")
 
 
 def _is_row_of_words(fields: Sequence[str]) -> bool:
@@ -511,16 +522,14 @@ def _shows_mark(field: str, dialect: Dialect) -> bool:
     )
 
 
-def _kinds(
-    split: Sequence[Sequence[str]], dialect: Dialect, grouped: Dialect
-) -> list[list[str]]:
+def _kinds(split: Sequence[Sequence[str]], dialect: Dialect, grouped: Dialect) -> list[list[str]]:
     """Return what each field is; fields that repeat are looked at once."""
     kinds = {f: _kind(f, dialect, grouped) for f in {f for row in split for f in row}}
     return [[kinds[f] for f in row] for row in split]
 
 
 def _is_numbered(kinds: Sequence[str]) -> bool:
-    return "number" in kinds and "odd" not in kinds
+    return "odd" not in kinds and not _COUNTED.isdisjoint(kinds)
 
 
 def _kind(field: str, dialect: Dialect, grouped: Dialect) -> str:
@@ -535,7 +544,18 @@ def _kind(field: str, dialect: Dialect, grouped: Dialect) -> str:
         return "odd" if grouped.plain(text) is None else "number"
     if dialect.separator in {" ", ", "} and any(mark in text for mark in ",;\t"):
         return "odd"
-    return "label"
+    return "label" if quantity(text, dialect) is None else "quantity"
+
+
+_QUANTITY = re.compile(r"([+\-\u2212]?[\d.,]+(?:[eE][+-]?\d+)?)\s*([^\s\d.,+\-][^\d]*)")
+
+
+def quantity(field: str, dialect: Dialect) -> tuple[float, Unit] | None:
+    """Return the number and the unit of a field such as ``1.5 mm``, None for anything else."""
+    found = _QUANTITY.fullmatch(field.strip())
+    plain = None if found is None else dialect.plain(found[1])
+    unit = None if found is None or plain is None else bare_unit(found[2])
+    return None if plain is None or unit is None else (float(plain), unit)
 
 
 class _Fit(NamedTuple):

@@ -26,7 +26,7 @@ ROLE_WORDS: Final[dict[Role, str]] = {
     "位置 位移 距离 行程 坐标 変位量 距離 移動量 座標 "
     "координата положение перемещение расстояние",
     "height": "z height deviation dev error err sensor cap straightness profile reading probe gap topography höhe "
-    "abweichung fehler geradheit profil messwert taster spalt hauteur écart erreur rectitude lecture "
+    "abweichung abw fehler geradheit profil messwert taster spalt hauteur écart erreur rectitude lecture "
     "palpeur altezza scostamento errore rettilineità profilo lettura altura desviación rectitud "
     "perfil lectura palpador 高度 偏差 误差 直线度 轮廓 读数 高さ 誤差 真直度 形状 測定値 "
     "отклонение погрешность высота профиль показание",
@@ -198,9 +198,9 @@ def _legacy_page(data: bytes) -> str:
 
     Only names and units are at stake: digits, marks and separators are the same bytes in each.
     """
-    sample = b"\n".join(
-        itertools.islice((m.group() for m in _BEYOND_ASCII.finditer(data)), _LINES)
-    )
+    lines = itertools.islice((m.group() for m in _BEYOND_ASCII.finditer(data)), _LINES)
+    # a word that every row repeats counts once
+    sample = b"\n".join(dict.fromkeys(line.translate(None, b"0123456789.,+-") for line in lines))
     shares = {page: _known_share(sample, page) for page in _PAGES}
     best = max(_PAGES, key=lambda page: shares[page])
     if shares[best] > _ENOUGH:

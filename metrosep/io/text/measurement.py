@@ -28,7 +28,7 @@ from metrosep.core.units import Unit, likely_meaning, parse_unit
 from metrosep.io._roles import is_read_too, role_of, runs_in
 from metrosep.io.objects import ROW_ORDERS, SI_NAMES, make_surface, scaled, to_grid
 from metrosep.io.own_notes import header_notes
-from metrosep.io.several_runs import SeveralRunsError
+from metrosep.io.several_runs import BLOCKS, FoundRuns, SeveralRunsError
 from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.table import (
@@ -99,6 +99,8 @@ def measurement(
         if (timed is not None or sampling_rate is not None) and x is None and z is None:
             if lateral_step is not None or scale is not None:
                 raise ReadError(f"{file.path}: a recording takes no lateral_step or scale")
+            if time is None and channel is None and (found := _numbered_runs(made.table)):
+                raise SeveralRunsError(file.path, found)
             return made.recording(timed, sampling_rate, channel)
         steps = lateral_steps(lateral_step)
         said = unit is not None or steps is not None or n_columns > _FEW
@@ -113,6 +115,14 @@ def measurement(
         if found is not None:
             raise SeveralRunsError(file.path, found) from None
         raise FormatMismatchError(f"{file.path}: {exc}") from None
+
+
+def _numbered_runs(table: Table) -> FoundRuns | None:
+    """Return the runs beside a clock where names tell run, position and reading."""
+    if all(role_of(c.name) != "run" for c in table.columns):
+        return None
+    found = runs_in(table)
+    return found if found is not None and found.run != BLOCKS and found.is_known() else None
 
 
 def _rows_of(
@@ -133,6 +143,9 @@ def _rows_of(
         if len(different) == 1:
             shared[column.name] = different[0]
         elif _is_stacked(column.labels, different) and len(table.numbers) == 2:
+            found = runs_in(table)
+            if found is not None and found.run == column.name:
+                raise SeveralRunsError(file.path, found)
             raise FormatMismatchError(
                 f"{file.path}: column {column.name!r} stacks {len(different)} data sets "
                 f"({', '.join(different[:4])}); choose one with channel={different[0]!r}"
@@ -444,7 +457,10 @@ class _Made:
         described = self.described(is_profile=True)
         if _is_monotonic(positions):  # else the runs in the table may be what is meant
             self.table = table = replace(table, columns=(), lines=table.lines[:0])
-        return Profile(positions, heights, **described)
+        try:
+            return Profile(positions, heights, **described)
+        except DataError as exc:
+            raise type(exc)(f"{exc}{_where_it_turns(positions, table)}") from None
 
 
 def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[str, ...]]:
@@ -496,6 +512,22 @@ def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[st
             ),
         )
     return first.name, second.name, ()
+
+
+def _where_it_turns(positions: FloatArray, table: Table) -> str:
+    """Return the lines that may be left out where positions turn or repeat, as words of a message."""
+    steps = np.diff(positions)
+    if not steps.size or not steps[0] or len(table) != positions.size:
+        return ""
+    wrong = np.flatnonzero(np.sign(steps) != np.sign(steps[0]))
+    if not wrong.size:
+        return ""
+    rest, lines = steps[wrong[0] + 1 :], table.lines
+    back = rest.size and np.sign(rest[0]) != np.sign(steps[0]) and np.ptp(np.sign(rest)) == 0
+    last = lines[-1] if back else lines[wrong[0] + 1]
+    span = f"{lines[wrong[0] + 1]}-{last}" if back else f"{last}"
+    what = "what follows, the way back," if back else "that line"
+    return f" (line {int(lines[wrong[0] + 1])}); leave {what} out with skip_lines='{span}'"
 
 
 def _is_empty(column: Column) -> bool:

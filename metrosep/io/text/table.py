@@ -32,10 +32,12 @@ from metrosep.io.text._rows import (
     Ledger,
     bad_field,
     joined,
+    lines_of_field,
     marker_of,
     refuse_quotes,
 )
 from metrosep.io.text.dialect import (
+    BEYOND,
     NO_READING,
     Layout,
     bare_unit,
@@ -47,6 +49,7 @@ from metrosep.io.text.dialect import (
     is_number,
     is_other_unit,
     n_used,
+    quantity,
     split_header,
     unmeasured_rows,
 )
@@ -72,6 +75,8 @@ _SAMPLE = 300
 """Rows that are looked at first; further ones come from `_PLACES` parts of the rest."""
 _PLACES, _PLACE = 9, 2000
 _TAIL = 5000
+_LONG_FIELD = 2000
+"""Characters in which a field in quotes that takes several lines must end."""
 _FEW = 3
 """Separators from which a line of nothing else, above or below a map, is a row of it."""
 _WHOLE = 2.0**53
@@ -144,12 +149,13 @@ def read_table(file: RawFile, **text: Any) -> Table:
     ]
     unnamed = source.head.facts["unnamed"]
     columns = [c for c in columns if c.name not in unnamed or not _is_empty(c)]
+    columns, beyond = _with_quantities(file, columns, rows.lines, source.head)
     columns, clocks, undecided = with_moments(file, columns, rows.lines, source.head.options)
     markers = refuse_markers(file, columns, rows.lines, source.head.options)
     header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
     if undecided:
         header["undecided"] = undecided
-    warnings = (*source.warnings, *markers, *undecided.values())
+    warnings = (*source.warnings, *beyond, *markers, *undecided.values())
     return Table(tuple(columns), rows.lines, header, warnings, source.lines)
 
 
@@ -168,6 +174,41 @@ def _is_empty(column: Column) -> bool:
     if column.values is None:
         return not any(column.labels or ())
     return bool(np.isnan(column.values).all())
+
+
+def _with_quantities(
+    file: RawFile, columns: Sequence[Column], lines: NDArray[np.int64], head: TableHead
+) -> tuple[list[Column], list[str]]:
+    """Return the columns, those of numbers with one unit (1.5 mm) as numbers, and what is odd about them."""
+    words = NO_READING | {m for m in head.options.missing or () if isinstance(m, str)}
+    made, said = list(columns), []
+    for k, column in enumerate(columns):
+        texts = ["" if t.lower() in words else t for t in column.labels or ()]
+        if not any(t[:1] in _DIGITS for t in texts if t):
+            continue
+        found = [quantity(t, head.layout.dialect) for t in texts]
+        unit = next((f[1] for f in found if f is not None), None)
+        if unit is None or 2 * sum(f is not None for f in found) <= sum(map(bool, texts)):
+            continue
+        values = np.full(len(texts), np.nan)
+        for i, (text, own) in enumerate(zip(texts, found, strict=True)):
+            if text and (own is None or own[1] != unit or column.unit not in (None, unit)):
+                where = (
+                    f"column {column.name!r} of numbers with the unit {(column.unit or unit).name}"
+                )
+                raise bad_field(file, int(lines[i]), text, where)
+            values[i] = np.nan if own is None else own[0]
+        made[k] = Column(column.name, unit, values)
+        if out := [i for i, t in enumerate(column.labels or ()) if t.lower() in BEYOND]:
+            first = (column.labels or ())[out[0]]
+            said.append(
+                f"{len(out)} fields such as {first!r} (first: line {int(lines[out[0]])}) say that the sensor was "
+                "out of its range; they count as not measured"
+            )
+    return made, said
+
+
+_DIGITS = frozenset("0123456789+-.,\u2212")
 
 
 def with_moments(
@@ -418,6 +459,7 @@ class TableHead:
         self.comments: list[str] = []
         content: list[tuple[int, str]] = []  # number of the line, and the line itself
         others: list[tuple[int, str, str]] = []
+        spans: dict[int, list[str]] = {}  # further lines of a name or a field in quotes
         position = number = n_measured = 0
         while position < len(text) and n_measured <= _SAMPLE:
             end = text.find("\n", position)
@@ -443,9 +485,15 @@ class TableHead:
             elif is_comment(line, options.comment):
                 others.append((number, line, "comment"))
             else:
+                first = number
                 if line.count('"') % 2:
-                    refuse_quotes(file, number, line)
-                content.append((number, line))
+                    rest = text[position : position + _LONG_FIELD].split("\n")
+                    more = spans[first] = lines_of_field([line, *rest], _BEGUN.match)
+                    line = " ".join([line, *more])
+                    refuse_quotes(file, first, line)
+                    position += sum(len(m) + 1 for m in more)
+                    number += len(more)
+                content.append((first, line))
                 n_measured += unmeasured_rows([line]) == 0 or n_measured > 0
         self.options = options
         lines = [line for _, line in content]
@@ -470,6 +518,8 @@ class TableHead:
         kinds |= dict.fromkeys(preamble.rest(), "preamble")
         for place, line in content[: layout.start]:
             self._ledger.add(kinds[place], place, line)
+            for k, further_line in enumerate(spans.get(place, ()), start=1):
+                self._ledger.add(kinds[place], place + k, further_line)
         self.names, self.units = preamble.columns()
         self.warnings = preamble.warnings
         self.layout, self._header = layout, preamble.rows
@@ -616,7 +666,7 @@ class _Preamble:
         odd = [
             (n, line)
             for n, line in self._waiting
-            if not line.lstrip('" ')[:1].isalpha() or n > self._named_at[0] > 0 or n in self._lost
+            if not line.lstrip('" [')[:1].isalpha() or n > self._named_at[0] > 0 or n in self._lost
         ]
         if not odd and self._names is None and self._waiting:
             nearest = max(self._waiting)
@@ -633,6 +683,9 @@ class _Preamble:
     def take_comment(self, comments: Sequence[str]) -> None:
         if self._names is not None or not comments or ":" in comments[-1]:
             return
+        below = [bare_unit(f) for f in self._dialect.split([comments[-1].strip()])[0]]
+        if len(below) == self._n > 1 and len(comments) > 1 and all(below) and not self._units:
+            self._units, comments = list(below), comments[:-1]
         names = split_header(comments[-1], self._dialect.separator, self._n)
         if names is None or any(is_number(n, self._dialect.decimal) for n in names):
             return
