@@ -6,6 +6,7 @@ Reference numbers of independent code stand in test_joint_reference.py. Units: m
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -122,6 +123,60 @@ def test_a_late_reading_shows_the_error_of_the_place_before(velocity):
         rtol=0.0,
         atol=1e-12 * float(np.abs(theta).sum()),
     )
+
+
+@pytest.mark.parametrize(("apart", "groups", "away"), [(2e-5, 3, 1e-5), (1e-2, 6, 1e-12)])
+def test_runs_of_one_velocity_are_turned_as_one(model, apart, groups, away):
+    """Against each run by itself, slip as an unknown of its own and the sensor as a matrix.
+
+    The mean velocity of two is off by 1e-5: 1e-6 of a phase of up to 0.2 rad, squared sums of it.
+    """
+    more = [
+        replace(r, gram=1.3 * r.gram, right=0.7 * r.right, velocity=r.velocity * (1.0 + apart))
+        for r in model.runs
+    ]
+    model.slip[3], model.sensor = 400.0, Sensor(1e-3, 2.5e-7)
+    model.take([*model.runs, *more])
+    at, w = [4, 4 + K], model.extension.wavenumbers
+    gram, right = 0.0, 0.0
+    for run in model.runs:
+        own = np.linalg.inv(run.gram[np.ix_(at, at)] + np.eye(2) / 400.0)
+        h = np.exp(-1j * w * run.velocity * 0.5e-3) / (1 + 1j * w * run.velocity * 0.5e-3)
+        turn = np.eye(1 + 2 * K)
+        turn[1:, 1:] = np.block(
+            [[np.diag(h.real), np.diag(h.imag)], [np.diag(-h.imag), np.diag(h.real)]]
+        )
+        held = run.gram[:, at] @ own
+        gram = gram + turn.T @ (run.gram - held @ run.gram[at]) @ turn
+        right = right + turn.T @ (run.right - held @ run.right[at])
+
+    assert len(model.by_speed) == groups
+    assert np.abs(model.total[0] - gram).max() < away * np.abs(gram).max()
+    assert np.abs(model.total[1] - right).max() < away * np.abs(right).max()
+    each = sum(run.gram for run in model.seen)
+    assert np.abs(each - gram).max() < 1e-12 * np.abs(gram).max()
+
+
+@pytest.mark.parametrize("level", [1e-9, 1e9])
+@pytest.mark.parametrize("steep", [-2.5, -6.0, 1.0])
+def test_octaves_that_are_not_seen_go_back_to_the_power_law(steep, level):
+    """Two octaves are seen: of the slope's distance from -2.5 a share rho is left in each further one.
+
+    Slopes of sd 1.5 that change by sd 1/ln 2 from octave to octave: 2 1.5^2 (1 - rho) = 1/ln^2 2.
+    The level has no part in it: its prior would else bend the unseen octaves up.
+    """
+    spectrum, sure = Spectrum(64), np.zeros(64)  # knots at 1, 2, 4 ... 64
+    sure[:2] = 1e6
+    seen = math.log(level) + np.array([0.0, steep * math.log(2.0)])
+    for _ in range(60):
+        score = np.zeros(64)
+        score[:2] = 1e6 * (seen - np.log(spectrum.variance[:2]))
+        spectrum.step(score, sure)
+
+    rho = 1.0 - 1.0 / (2.0 * 1.5**2 * math.log(2.0) ** 2)
+    slopes = np.diff(np.log(spectrum.variance[[0, 1, 3, 7, 15, 31, 63]])) / math.log(2.0)
+    # what is seen holds against the priors by 1e6; the ridge of the equations is 1e-9
+    assert np.abs(slopes - (-2.5 + (steep + 2.5) * rho ** np.arange(6))).max() < 1e-4
 
 
 def test_the_mean_of_two_answers_holds_both():

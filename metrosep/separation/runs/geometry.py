@@ -4,8 +4,8 @@ r"""Private to separation: the geometry as a random function with a learnt spect
           \quad w_k = 2 \pi k / P, \quad a_k, b_k \sim N(0, s_k^2)
 
 u is the straight line, -1 ... 1 over the travel L, and P = 1.4 L. ln s_k^2 is piecewise linear in
-ln k with a knot about each octave, ``ln s^2 = B phi``; phi is drawn to a power law of slope
--2.5 +- 1.5 and to a smooth course. A wave of any wavelength is a column of the same basis (Fourier
+ln k with a knot about each octave, ``ln s^2 = B phi``; its slope is drawn to -2.5 +- 1.5 in every
+octave, and to that of its neighbours. A wave of any wavelength is a column of the same basis (Fourier
 extension, eq. 9). Equation numbers are those of separation-2.
 """
 
@@ -44,7 +44,7 @@ SLOPE, SLOPE_SD = -2.5, 1.5
 """Prior of the power law of the spectrum: rough and smooth surfaces lie within two of these."""
 
 _BEND_SD = 1.0
-"""Prior standard deviation of the second difference of ln s^2, per octave."""
+"""Prior standard deviation of the second difference of ln s^2, over octaves."""
 
 _RIDGE = 1e-9
 
@@ -128,13 +128,16 @@ class Spectrum:
         n = max(2, int(np.rint(k[-1] / np.log(2.0))) + 1)
         knots = np.linspace(0.0, k[-1], n)
         self.hats = np.array([np.interp(k, knots, row) for row in np.eye(n)]).T
-        # slope: (phi_last - phi_0) / ln K ~ N(-2.5, 1.5^2); bends: N(0, 1) over a step of an octave
-        slope = np.zeros(n)
-        slope[0], slope[-1] = -1.0 / k[-1], 1.0 / k[-1]
-        self.precision = np.outer(slope, slope) / SLOPE_SD**2
-        self.pull = slope * (SLOPE / SLOPE_SD**2)
-        bends = np.diff(np.eye(n), 2, axis=0) * (np.log(2.0) / (knots[1] - knots[0]))
-        self.precision = self.precision + bends.T @ bends / _BEND_SD**2
+        # The slope over each step is N(-2.5, 1.5^2), and from one octave to the next it changes by
+        # N(0, 1): a stationary process, so octaves that are not seen go back to the power law and
+        # do not go on as steeply as the last that is.
+        octaves = float(knots[1] - knots[0]) / np.log(2.0)
+        kept = (1.0 - 0.5 * (_BEND_SD / np.log(2.0) / SLOPE_SD) ** 2) ** octaves
+        slopes = np.diff(np.eye(n), axis=0) / (knots[1] - knots[0])
+        free = np.vstack([slopes[:1], (slopes[1:] - kept * slopes[:-1]) / np.sqrt(1.0 - kept**2)])
+        mean = SLOPE * np.append(1.0, np.full(n - 2, (1.0 - kept) / np.sqrt(1.0 - kept**2)))
+        self.precision = free.T @ free / SLOPE_SD**2
+        self.pull = free.T @ mean / SLOPE_SD**2
         # The level, that of the longest wave, has a prior that is flat in s, not in ln s: where no
         # geometry is seen, ln s would run away to nothing and take the band with it. As the mean
         # level of all octaves it would lift, through the bends, those that the readings do not show.
