@@ -526,7 +526,12 @@ def _psd(obj: Measured, options: Mapping[str, Any]) -> Done:
          "ratio": b.ratio, "independent_values": b.n_independent, "verdict": b.verdict}
         for b in found.bands
     ]  # fmt: skip
-    audit = {"direction": found.direction, "filled_share": spectrum.filled_share, "bands": bands}
+    audit = {
+        "direction": found.direction,
+        "filled_share": spectrum.filled_share,
+        "estimate": spectrum.estimate,
+        "bands": bands,
+    }
     return Done(obj, {SPECTRUM: ratio}, (found.sentence, *found.notes), audit, found)
 
 

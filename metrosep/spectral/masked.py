@@ -3,8 +3,10 @@
 Inner holes are closed by the harmonic function (Laplace's equation, the measured pixels around as
 boundary), and the window falls to zero at the outline, whatever its shape: w = sin^2(pi d / 2 d_max),
 d the distance to the outside. On a disc that is the cos^2 of the radius. Without a window a spectrum
-that falls like f^-4 is wrong by up to a factor of twenty (metrology-2, 7.2); with it, by 1 to 10 %.
-At the highest frequencies closing loses about the share that was closed.
+that falls like f^-4 is wrong by up to a factor of twenty (metrology-2, 7.2). With it the lowest bands
+still take in some of the waves longer than the part, 20 to 90 % too much for f^-4; so a spectrum that
+falls is taken from the slopes, whose own spectrum falls by f^2 less, and divided by what the difference
+of two samples passes. At the highest frequencies closing loses about the share that was closed.
 """
 
 from __future__ import annotations
@@ -29,6 +31,10 @@ __all__ = ["MaskedPsd", "masked_psd"]
 
 _PERIODS = 2.0
 """Of the width of the outline: the lowest frequency that is more than the window."""
+_LOW = 8.0
+"""Times the lowest frequency: up to there it is looked whether the spectrum falls."""
+_FALLS = 1.0
+"""Exponent of 1/f from which the slopes are taken: at f^-1 both ways are within 5 % of the truth."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +57,8 @@ class MaskedPsd:
         Lowest frequency along each axis that can be trusted, 2 over the width of the outline.
     filled_share : float
         Share of the pixels inside the outline that were closed.
+    estimate : {"heights", "slopes"}
+        What was transformed.
     """
 
     areal: ArealPsd | None
@@ -59,6 +67,7 @@ class MaskedPsd:
     window_area: float
     lowest: tuple[float, ...]
     filled_share: float
+    estimate: Literal["heights", "slopes"]
 
     def radial(self) -> RadialPsd:
         """Return the mean over all directions.
@@ -100,6 +109,7 @@ def masked_psd(
     *,
     detrend: Literal["mean", "plane", "quadratic"] = "plane",
     max_filled: float = 0.1,
+    estimate: Literal["auto", "heights", "slopes"] = "auto",
 ) -> MaskedPsd:
     """Return the power spectral density of a map with an outline and holes, or a profile with gaps.
 
@@ -111,6 +121,9 @@ def masked_psd(
         What is taken off the measured heights first, by least squares.
     max_filled : float, optional
         Largest share of holes inside the outline, 0 to 1.
+    estimate : {"auto", "heights", "slopes"}, optional
+        What is transformed; "auto" takes the slopes where the density falls faster than 1/f from 2 to
+        16 waves across, unless ``detrend="mean"`` keeps the plane in.
 
     Returns
     -------
@@ -120,7 +133,7 @@ def masked_psd(
     Raises
     ------
     DataError
-        If an option is out of range, a step is not known, or more than `max_filled` is missing.
+        If an option is out of range, slopes are asked with ``detrend="mean"``, a step is not known, or more than `max_filled` is missing.
     InvalidSamplesError
         If nothing was measured.
     NotUniformError
@@ -130,9 +143,11 @@ def masked_psd(
 
     Notes
     -----
-    ``C = dx dy |FFT(w z)|^2 / sum w^2`` with the mean of weights w removed, zeros outside, padded to
-    twice the size. The sum of C over all frequencies times their cell is the weighted variance
-    ``sum (w z)^2 / sum w^2``. One-sided: ``PSD1(f) = 2 integral C(f, fy) dfy``. Independent values of
+    From heights ``C = dx dy |FFT(w z)|^2 / sum w^2`` with the mean of weights w removed, zeros outside,
+    padded to twice the size. The sum of C over all frequencies times their cell is the weighted
+    variance ``sum (w z)^2 / sum w^2``. From slopes ``C = (C_x + C_y) / (H_x + H_y)``, with C_x that of
+    ``(z(x + dx) - z(x)) / dx`` and ``H_x = (2 sin(pi f_x dx) / dx)^2``; the sum is then the variance
+    within the scatter, and zero frequency is zero. One-sided: ``PSD1(f) = 2 integral C(f, fy) dfy``. Independent values of
     a ring: ``(pi / 2) (f2^2 - f1^2) dx dy (sum w^2)^2 / sum w^4``.
 
     References
@@ -151,6 +166,12 @@ def masked_psd(
     """
     instance_of(obj, (Surface, Profile), "a spectrum")
     choice(detrend, "detrend", ("mean", "plane", "quadratic"))
+    choice(estimate, "estimate", ("auto", "heights", "slopes"))
+    if estimate == "slopes" and detrend == "mean":
+        raise DataError(
+            'estimate = "slopes" takes a plane off with the mean slope, and detrend = "mean" keeps it: '
+            'say detrend = "plane", or estimate = "heights"'
+        )
     max_filled = between(max_filled, "max_filled", 0.0, 1.0)
     steps = _steps(obj)
     z = np.atleast_2d(np.asarray(obj.z, dtype=np.float64))
@@ -175,11 +196,21 @@ def masked_psd(
         )
     z = np.where(measured, z - _trend(z, measured, detrend, is_map=is_map), np.nan)
     z = _closed(z, outline, measured, steps)
-    w = _window(outline, steps, is_map=is_map)
-    z = np.where(outline, z - float((w * z)[outline].sum() / w.sum()), 0.0)
-    facts = {"detrend": detrend, "filled_share": share, "window": "sin2 of the distance"}
+    power, w = _of_heights(z, outline, steps, is_map=is_map)
+    taken: Literal["heights", "slopes"] = "heights"
+    if estimate == "slopes" or (
+        estimate == "auto" and detrend != "mean" and _falls(power, z.shape, steps)
+    ):
+        power, w = _of_slopes(z, outline, steps, is_map=is_map)
+        taken = "slopes"
+    facts = {
+        "detrend": detrend,
+        "filled_share": share,
+        "window": "sin2 of the distance",
+        "estimate": taken,
+    }
     history = (*obj.history, Step("masked_psd", facts))
-    return _spectrum(w * z, w, steps, share, history, is_map=is_map)
+    return _spectrum(power, w, steps, share, taken, history, is_map=is_map)
 
 
 def _steps(obj: Surface | Profile) -> tuple[float, float]:
@@ -280,11 +311,81 @@ def _window(outline: NDArray[np.bool_], steps: tuple[float, float], *, is_map: b
     return np.asarray(np.sin(0.5 * np.pi * distance / distance.max()) ** 2)
 
 
+def _of_heights(
+    z: FloatArray, outline: NDArray[np.bool_], steps: tuple[float, float], *, is_map: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return the density of what lies inside an outline at the frequencies of the FFT, and the window."""
+    from scipy import fft
+
+    w = _window(outline, steps, is_map=is_map)
+    z = np.where(outline, z - float((w * z)[outline].sum() / w.sum()), 0.0)
+    cell = math.prod(steps) if is_map else steps[1]
+    power = np.abs(fft.fft2(w * z, _padded(w.shape))) ** 2
+    return np.asarray(power * (cell / float((w * w).sum()))), w
+
+
+def _of_slopes(
+    z: FloatArray, outline: NDArray[np.bool_], steps: tuple[float, float], *, is_map: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return the same from the differences of neighbours, over what a difference passes."""
+    from scipy import fft
+
+    axes = (0, 1) if is_map else (1,)
+    inside = outline.copy()
+    for axis in axes:
+        after = np.roll(outline, -1, axis)
+        np.moveaxis(after, axis, 0)[-1] = False
+        inside &= after
+    if not inside.any():
+        raise TooFewSamplesError("no pixel has a neighbour in x and in y: there are no slopes")
+    power = np.zeros(_padded(z.shape))
+    gains = [np.zeros(n) for n in power.shape]
+    w = np.empty(0)
+    for axis in axes:
+        slope = (np.roll(z, -1, axis) - z) / steps[axis]
+        density, w = _of_heights(slope, inside, steps, is_map=is_map)
+        power += density
+        gains[axis] = (2.0 * np.sin(np.pi * fft.fftfreq(power.shape[axis])) / steps[axis]) ** 2
+    power[0, 0] = 0.0  # the mean has no slope
+    gains[1][0] = gains[1][0] or np.finfo(float).tiny
+    for row, gain in zip(power, gains[0], strict=True):
+        np.divide(row, gain + gains[1], out=row)
+    return power, w
+
+
+def _falls(power: FloatArray, shape: tuple[int, ...], steps: tuple[float, float]) -> bool:
+    """Return whether a density falls faster than 1/f where few waves fit across the outline.
+
+    By the means over the lower and the upper half, in octaves, of the frequencies up to `_LOW` times
+    the lowest.
+    """
+    from scipy import fft
+
+    sides = [(n, s) for n, s in zip(shape, steps, strict=True) if n > 1]
+    lowest = _PERIODS / min(n * s for n, s in sides)
+    highest = min(_LOW * lowest, *(0.5 / s for _, s in sides))
+    if highest < 2.0 * lowest:
+        return False  # too few samples to see it
+    axes = [np.abs(fft.fftfreq(n, s)) for n, s in zip(power.shape, steps, strict=True)]
+    near = [np.flatnonzero(f < highest) for f in axes]
+    f = np.hypot(axes[0][near[0]][:, None], axes[1][near[1]])
+    power = power[np.ix_(*near)]
+    middle = math.sqrt(lowest * highest)
+    lower = float(power[(f >= lowest) & (f < middle)].mean())
+    upper = float(power[(f >= middle) & (f < highest)].mean())
+    return bool(lower > upper * (highest / middle) ** _FALLS)
+
+
+def _padded(shape: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(2 * n if n > 1 else 1 for n in shape)
+
+
 def _spectrum(
-    weighted: FloatArray,
+    power: FloatArray,
     w: FloatArray,
     steps: tuple[float, float],
     share: float,
+    estimate: Literal["heights", "slopes"],
     history: tuple[Step, ...],
     *,
     is_map: bool,
@@ -296,8 +397,7 @@ def _spectrum(
     cell = math.prod(steps) if is_map else steps[1]
     lengths, lowest, one_sided = [], [], []
     areal = None
-    shape = tuple(2 * n if n > 1 else 1 for n in w.shape)
-    power = np.abs(fft.fft2(weighted, shape)) ** 2 * (cell / energy)
+    shape = power.shape
     for axis in (1, 0) if is_map else (1,):
         step, n = steps[axis], shape[axis]
         other = steps[1 - axis] * shape[1 - axis] if is_map else 1.0
@@ -311,4 +411,4 @@ def _spectrum(
         f_y, f_x = (fft.fftshift(fft.fftfreq(n, s)) for n, s in zip(shape, steps, strict=True))
         areal = ArealPsd(f_x, f_y, fft.fftshift(power), history)
     area = cell * energy**2 / float((squares**2).sum())
-    return MaskedPsd(areal, tuple(one_sided), tuple(lengths), area, tuple(lowest), share)
+    return MaskedPsd(areal, tuple(one_sided), tuple(lengths), area, tuple(lowest), share, estimate)

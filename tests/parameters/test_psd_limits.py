@@ -114,17 +114,3 @@ def test_what_the_measurement_does_not_reach_is_inconclusive():
     assert "cannot be judged on this width" in long.notes[0]
     with pytest.raises(DataError, match="no frequency"):
         judge_psd(masked_psd(p), psd_limit("rms = 1 nm from 100 mm to 200 mm"))
-
-
-def test_bands_of_few_waves_across_are_said_to_read_high():
-    """Two waves across reach the lowest band: it is said; from 8 waves on nothing is."""
-    x = np.arange(4000) * 1e-6
-    z = 1e-9 * np.random.default_rng(3).standard_normal(x.size)
-    spectrum = masked_psd(Profile(x, z))
-    width = 4000e-6
-    low, high = (f"A = 1 um^3, B = 0 from 10 um to {width / n * 1e6:.6g} um" for n in (4, 9))
-    assert any(
-        "read" in n and "fewer than 8" in n for n in judge_psd(spectrum, psd_limit(low)).notes
-    )
-    assert not judge_psd(spectrum, psd_limit(high)).notes
-    assert judge_psd(spectrum, psd_limit(low)).verdict == "accept"

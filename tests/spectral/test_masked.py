@@ -57,6 +57,67 @@ def test_holes_of_four_per_cent_are_closed(exponent):
     assert np.abs(bias(exponent, holes=True)).max() < 0.20
 
 
+def low_bands(exponent, seeds, **options):
+    """Mean over discs of band means over the true ones, 2 to 4, 4 to 6, 6 to 9 waves across."""
+    edges, n = np.array([2.0, 4.0, 6.0, 9.0]) / 96, 96
+    ratios = np.zeros(3)
+    for seed in seeds:
+        z = np.where(disc(n), made(seed, exponent, n), np.nan)
+        found = masked_psd(Surface(z, 1.0, 1.0), **options).areal
+        f = found.radial_frequency()
+        for k in range(3):
+            ring = (f >= edges[k]) & (f < edges[k + 1])
+            ratios[k] += found.density[ring].sum() / (f[ring] ** -float(exponent)).sum()
+    return ratios / len(seeds)
+
+
+def test_waves_longer_than_the_part_are_not_taken_for_those_that_fit():
+    """Of f^-3 and f^-4 too: what the same noise gives with f^0 takes the scatter of the maps out."""
+    seeds = range(10)
+    white = low_bands(0, seeds)
+    for exponent in (3, 4):
+        off = np.abs(low_bands(exponent, seeds) / white - 1.0)
+        assert off[0] < 0.3  # ten maps of few waves
+        assert off[1:].max() < 0.12
+    from_heights = low_bands(4, seeds, estimate="heights") / white
+    assert from_heights[0] > 1.5
+    assert from_heights[1] > 1.12
+
+
+def test_the_slopes_are_taken_of_a_spectrum_that_falls_and_said():
+    flat, steep = (Surface(made(1, b, 96), 1.0, 2.0) for b in (0, 3))
+    assert masked_psd(flat).estimate == "heights"
+    found = masked_psd(steep)
+    assert found.estimate == "slopes"
+    assert found.areal.history[-1].parameters["estimate"] == "slopes"
+    assert masked_psd(steep, estimate="heights").estimate == "heights"
+    assert masked_psd(steep, detrend="mean").estimate == "heights"  # a plane has one slope
+    with pytest.raises(DataError, match="takes a plane off"):
+        masked_psd(steep, detrend="mean", estimate="slopes")
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_wave_has_its_variance_in_slopes_too_with_unequal_steps(turned):
+    x = np.arange(200) * UM
+    z = 10e-9 * np.sin(2 * np.pi * x / (20 * UM)) * np.ones((160, 1))
+    surface = Surface(z.T, 2 * UM, UM) if turned else Surface(z, UM, 2 * UM)
+    found = masked_psd(surface, estimate="slopes")
+    along = found.one_sided[1 if turned else 0]
+    assert along.frequency[np.argmax(along.density)] == pytest.approx(
+        1 / (20 * UM), abs=float(along.frequency[1])
+    )
+    assert along.variance() == pytest.approx(0.5 * (10e-9) ** 2, rel=0.02, abs=0.0)
+
+
+def test_slopes_of_a_profile_and_of_a_whole_map_have_the_level_of_the_heights():
+    rng = np.random.default_rng(4)
+    walk = np.cumsum(rng.standard_normal(4000)) * 1e-9  # f^-2
+    for obj in (Profile(np.arange(4000) * UM, walk), Surface(made(2, 2)[:150], UM, UM)):
+        a, b = (masked_psd(obj, estimate=e).one_sided[0] for e in ("heights", "slopes"))
+        band = (a.frequency > 0.02 / UM) & (a.frequency < 0.4 / UM)
+        assert b.density[band].mean() == pytest.approx(a.density[band].mean(), rel=0.05, abs=0.0)
+
+
 def test_scatter_is_what_the_number_of_independent_values_says():
     """Of bands four rings wide: the window smears one ring into the next."""
     mask = disc(96)
