@@ -115,6 +115,9 @@ def air(
     return _carried_out(context, lines, (), out, print_recipe=print_recipe, as_json=as_json)
 
 
+_PREDICTED = ("predict", "cut_budget", "axis_motion")
+
+
 @click.command()
 @click.argument("process")
 @click.option("-o", "--out", metavar="DIR", help="Folder for report, program and result.json.")
@@ -124,17 +127,19 @@ def predict(context: click.Context, process: str, out: str | None, as_json: bool
     """Predict the form error of a part from PROCESS, a recipe whose step is predict.
 
     'metrosep ops predict' lists its keys: surface, spiral, tool setting, log of the dry run. With
-    -o and no [[output]] in PROCESS, program, budget and report are written.
+    -o and no [[output]] in PROCESS, program, budget and report are written. Of a program file
+    that is there, the steps cut_budget (error of the part, cause by cause) and axis_motion
+    (velocity, acceleration and jerk of the axes) tell what it will do.
     """
     from metrosep.cli.errors import verdict_code
     from metrosep.cli.jobs import print_named, progress
     from metrosep.recipe.recipe import Recipe
 
     recipe = Recipe.load(process)
-    if recipe.steps[0]["op"] != "predict":
+    if recipe.steps[0]["op"] not in _PREDICTED:
         raise click.UsageError(
             f"{process}: its step is {recipe.steps[0]['op']!r}; predict needs one with "
-            'op = "predict" (or use metrosep run)'
+            'op = "predict", "cut_budget" or "axis_motion" (or use metrosep run)'
         )
     if out is not None and not recipe.outputs:
         text = "\n".join([recipe.text.rstrip(), *PARTS_AND_REPORT, ""])

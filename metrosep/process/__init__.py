@@ -61,7 +61,7 @@ _HOMES = {
     "learning": ["LearningStep", "learn_step", "low_pass"],
     "machining_times": ["MachiningTime", "machining_time"],
     "cutting.budgets": [
-        "CutBudget", "EdgeFit", "PathDeviation", "cut_budget", "identify_edge",
+        "CauseFit", "CutBudget", "EdgeFit", "PathDeviation", "cut_budget", "fit_causes", "identify_edge",
     ],
     "cutting.edge_errors": ["cusp_heights", "edge_error"],
     "cutting.motion": ["AxisLimits", "AxisMotion", "axis_motion"],

@@ -36,14 +36,22 @@ from metrosep.process._plain import Frozen, complete
 from metrosep.process._setting_equations import FACTORS, known_form
 from metrosep.process.cutting.edge_errors import edge_error
 from metrosep.process.cutting.programs import TurningProgram
-from metrosep.process.cutting.virtual_part import VirtualPart, virtual_cut
+from metrosep.process.cutting.virtual_part import VirtualPart, heights_cut, virtual_cut
 from metrosep.process.nose import RoundNose, Sense
 from metrosep.process.predictions import Contribution, ErrorBudget
 from metrosep.process.setting_maps import positions
 from metrosep.process.tips import Edge, tips
 from metrosep.process.tool_settings import ToolSetting
 
-__all__ = ["CutBudget", "EdgeFit", "PathDeviation", "cut_budget", "identify_edge"]
+__all__ = [
+    "CauseFit",
+    "CutBudget",
+    "EdgeFit",
+    "PathDeviation",
+    "cut_budget",
+    "fit_causes",
+    "identify_edge",
+]
 
 _SHARE = 0.01
 """Of the total: a sum of maps that is off by more is not trusted."""
@@ -220,10 +228,11 @@ def cut_budget(
     causes = [Contribution("program", map=off)]
     cusps = base.error - off
     tool = actual if actual is not None else nose
+    alone = _over_a_feed(program, plain, xs, ys, form, None)
     if tool != plain:
-        found = np.full(known.shape, math.nan)
-        found[known] = edge_error(form, xs[known], ys[known], nose=plain, actual=tool, sense=sense)
-        causes.append(Contribution("tool", map=found))
+        # as the feed leaves it: waves of the edge as short as the feed are cut to their mean over it
+        found = _over_a_feed(program, tool, xs, ys, form, None) - alone
+        causes.append(Contribution("tool", map=np.where(known, found, math.nan)))
     said = [*base.messages]
     if setting is not None:
         causes.append(_setting(form, xs, ys, known, tool, setting, sense))
@@ -243,7 +252,6 @@ def cut_budget(
     full = virtual_cut(course, tool, xs, ys, form=form, setting=setting)
     total = _sum_of(causes)
     with_all = _over_a_feed(course, tool, xs, ys, form, setting)
-    alone = _over_a_feed(program, plain, xs, ys, form, None)
     mean = with_all - (alone - off)
     difference = mean - total
     both = np.isfinite(difference)
@@ -274,10 +282,10 @@ def _over_a_feed(
     rho, theta = np.hypot(x, y), np.arctan2(y, x)
     steps = program.feed * ((np.arange(_PER_FEED) + 0.5) / _PER_FEED - 0.5)
     at = np.abs(rho + steps.reshape(-1, *(1,) * rho.ndim))
-    cut = virtual_cut(
-        program, nose, at * np.cos(theta), at * np.sin(theta), form=form, setting=setting
-    )
-    return np.asarray(cut.error.mean(axis=0))
+    x, y = at * np.cos(theta), at * np.sin(theta)
+    # the places themselves were asked with all turns
+    z, _ = heights_cut(program, nose, x.ravel(), y.ravel(), setting)
+    return np.asarray((z.reshape(x.shape) - form.height(x, y)).mean(axis=0))
 
 
 def _setting(
@@ -329,6 +337,134 @@ def _moved(program: TurningProgram, deviation: PathDeviation) -> TurningProgram:
         )
     joined = "linear" if program.interpolation == "linear" else "spline"
     return TurningProgram(X + dX, azimuth + da, Z + dZ, t, "tip", joined)  # type: ignore[arg-type]
+
+
+# ---- which causes a measured part shows ------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CauseFit(Frozen):
+    """How much of each cause of a budget a measured part shows.
+
+    Parameters
+    ----------
+    amounts : mapping of str to float
+        By cause: 1 where the part shows the map as it was predicted, 0 where it shows none of it; NaN
+        where the map is lost in piston and tilt.
+    u : mapping of str to float
+        Standard uncertainties, from the scatter about the fit.
+    correlation : ndarray, shape (k, k)
+        Of the amounts that are known, in their order.
+    explained : float
+        Share of the variance of the part, without piston and tilt, that the maps explain.
+    residual : float, m
+        RMS of what they do not, cusps and noise included.
+    messages : tuple of str
+        What to know.
+    """
+
+    amounts: Mapping[str, float]
+    u: Mapping[str, float]
+    correlation: FloatArray
+    explained: float
+    residual: float
+    messages: tuple[str, ...] = ()
+
+
+def fit_causes(found: CutBudget, error: ArrayLike, x: ArrayLike, y: ArrayLike) -> CauseFit:
+    """Return how much of each cause of a budget a measured part shows.
+
+    Parameters
+    ----------
+    found : CutBudget
+        At the places of the part.
+    error : array_like, shape (n,), m
+        Measured minus nominal at these places; NaN is not measured.
+    x, y : array_like, shape (n,), m
+        The places.
+
+    Returns
+    -------
+    CauseFit
+        Amounts with their uncertainties, beside piston and two tilts.
+
+    Raises
+    ------
+    DataError
+        If lengths differ.
+    TooFewSamplesError
+        If there are fewer than three places for each cause.
+    DegenerateFitError
+        If two maps are the same on this part.
+
+    Notes
+    -----
+    Least squares of the error on the maps, piston and tilts, without the cusps of the full cut where that
+    leaves less: a map that resolves them may sample them in step with its pixels. The uncertainties take what is left for
+    independent from place to place: draw places further apart than waves and cusps are long.
+    """
+    causes = found.budget.contributions
+    z = np.asarray(error, dtype=np.float64)
+    if any(c.map is None or c.map.shape != z.shape for c in causes):
+        raise DataError(f"the part has {z.size} places; the budget must be at the same ones")
+    maps = np.array([c.map for c in causes], dtype=np.float64)
+    on = np.isfinite(z) & np.isfinite(maps).all(axis=0)
+    if int(on.sum()) < 3 * (len(causes) + 3):
+        raise TooFewSamplesError(
+            f"{int(on.sum())} places for {len(causes)} causes, piston and tilt: measure more"
+        )
+    at = np.stack([np.asarray(v, dtype=np.float64)[on] for v in (x, y)], axis=1)
+    size = float(np.abs(at).max())
+    plane = np.column_stack([np.ones(at.shape[0]), at / size])
+
+    def flat(v: FloatArray) -> FloatArray:
+        return np.asarray(v - plane @ np.linalg.lstsq(plane, v, rcond=None)[0])
+
+    columns = np.stack([flat(m[on]) for m in maps], axis=1)
+    rms = np.sqrt(np.mean(columns**2, axis=0))
+    seen = np.flatnonzero(rms > _TINY)
+    amounts, u = ({c.name: math.nan for c in causes} for _ in range(2))
+    said = [
+        f"{causes[i].name} is lost in piston and tilt on this part: nothing tells how much of it there is"
+        for i in range(len(causes))
+        if i not in seen
+    ]
+    # where the map resolves the cusps of the feed they are taken off: they are no form, and not random
+    marks = flat(np.where(np.isfinite(found.mean), found.full.error - found.mean, 0.0)[on])
+    bare, rest, correlation = flat(z[on]), flat(z[on]), np.empty((0, 0))
+    if seen.size:
+        matrix = columns[:, seen] / rms[seen]
+        if np.linalg.cond(matrix) > 1e7:
+            raise DegenerateFitError(
+                "two causes leave the same map on this part: leave one of them out of the budget"
+            )
+        tried = []
+        for target in (bare, bare - marks):
+            solved, *_ = np.linalg.lstsq(matrix, target, rcond=None)
+            tried.append((target, solved, target - matrix @ solved))
+        resolved = bool(tried[1][2] @ tried[1][2] < tried[0][2] @ tried[0][2])
+        bare, solved, rest = tried[int(resolved)]
+        if resolved:
+            said.append("the map shows the cusps of the feed; they were taken off before the fit")
+        inverse = np.linalg.inv(matrix.T @ matrix)
+        cov = inverse * float(rest @ rest) / max(1, bare.size - seen.size - 3)
+        sizes = np.sqrt(np.diag(cov))
+        correlation = inverse / np.sqrt(np.outer(np.diag(inverse), np.diag(inverse)))
+        for k, i in enumerate(seen.tolist()):
+            amounts[causes[i].name] = float(solved[k] / rms[i])
+            u[causes[i].name] = float(sizes[k] / rms[i])
+        pairs = [
+            f"{causes[seen[i]].name} and {causes[seen[j]].name} ({correlation[i, j]:.3f})"
+            for i in range(seen.size)
+            for j in range(i)
+            if abs(correlation[i, j]) > _ALIKE
+        ]
+        if pairs:
+            said.append(f"hardly told apart on this part: {', '.join(pairs)}")
+    explained = 1.0 - float(rest @ rest) / float(bare @ bare) if bare.any() else math.nan
+    return CauseFit(
+        amounts, u, correlation, explained, float(np.sqrt(np.mean(rest**2))), tuple(said)
+    )
 
 
 # ---- a measured part tells which errors of tool and setting explain it --------------------------
@@ -453,7 +589,7 @@ def identify_edge(
             'dy and yaw are free: give sense="counterclockwise" or sense="clockwise" (how the tool went '
             "round the part, seen from above)"
         )
-    x, y, z = _drawn(measured, region, points, seed)
+    x, y, z = drawn_points(measured, region, points, seed)
     if x.size < 3 * len(names):
         raise TooFewSamplesError(
             f"{x.size} points for {len(names)} free values: measure more, or free less"
@@ -504,7 +640,7 @@ def _turned(nose: RoundNose, at: Mapping[str, float]) -> RoundNose:
     return replace(nose, yaw=nose.yaw + at.get("yaw", 0.0), rake=nose.rake + at.get("rake", 0.0))
 
 
-def _drawn(
+def drawn_points(
     measured: Surface, region: tuple[float, float] | None, points: int, seed: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return positions and heights of measured points within a ring."""

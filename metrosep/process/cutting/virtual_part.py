@@ -210,11 +210,15 @@ def touched_radii(program: TurningProgram, nose: RoundNose, form: Form) -> tuple
 
 
 def heights_cut(
-    program: TurningProgram, nose: RoundNose, x: FloatArray, y: FloatArray
+    program: TurningProgram,
+    nose: RoundNose,
+    x: FloatArray,
+    y: FloatArray,
+    setting: ToolSetting | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return heights and turns from the first point, as `virtual_cut` does without asking all turns."""
+    """Return heights of flat places and turns from the first point, as `virtual_cut` does without asking all turns."""
     rho, theta = np.hypot(x, y), np.arctan2(y, x)
-    sweep = _Sweep(program, Edge.of(nose, program.sense))
+    sweep = _Sweep(program, Edge.of(nose, program.sense, setting))
     found, _ = _swept(sweep, rho, theta, np.argsort(rho, kind="stable"))
     return found[0], np.abs(found[3])
 

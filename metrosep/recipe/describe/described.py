@@ -15,6 +15,11 @@ import numpy as np
 from metrosep.core.errors import DataError
 from metrosep.core.quantity import Quantity
 from metrosep.recipe.describe.charts import bar_chart, curve, curve_chart, map_chart, panel, plain
+from metrosep.recipe.describe.describe_cutting import (
+    axis_motion_of,
+    cut_budget_of,
+    hysteresis_of,
+)
 from metrosep.recipe.describe.describe_machine import (
     identification_of,
     sensitivity_of,
@@ -600,6 +605,9 @@ _KINDS: Mapping[str, Any] = {
     "FollowUp": follow_up_of,
     "FlexureCalibration": calibration_of,
     "JobResult": prediction_of,
+    "CutBudgetFound": cut_budget_of,
+    "AxisMotion": axis_motion_of,
+    "HysteresisFound": hysteresis_of,
     "DualServoResult": dual_servo_of,
     "GaugeStudy": gauge_of,
     "PartSeries": series_of,

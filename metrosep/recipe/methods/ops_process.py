@@ -276,6 +276,16 @@ class JobPredicted(Method):
             help="whether nose_radius is that in the rake face or of the view along the cut, as certified",
         ),
         "yaw": Option("angle", help="turn of the rake face about z, counter-clockwise from +z"),
+        "edge": Option(
+            "file",
+            help="measured waviness of the edge, which a path made here makes up for: columns psi_deg from the tip, "
+            "deviation_nm outward",
+        ),
+        "edge_rises": Option(
+            "text",
+            choices=("outwards", "inwards"),
+            help="where psi of that file grows to: away from the spindle axis or towards it",
+        ),
         "clearance": Option("angle", help="angle between flank and cut surface"),
         "flank": Option(
             "text", choices=("conical", "cylindrical"), help="how the clearance is ground"
@@ -374,12 +384,30 @@ def _nose(rest: Mapping[str, Any]) -> Any:
         if also := [k for k in _OF_NOSE if k in rest]:
             raise DataError(f"{also[0]} belongs to a nose; give its radius: nose_radius")
         return None
-    return RoundNose(rest["nose_radius"], **{k: rest[k] for k in _NOSE if k in rest})
+    nose = RoundNose(rest["nose_radius"], **{k: rest[k] for k in _NOSE if k in rest})
+    if "edge" not in rest:
+        return nose
+    return replace(nose, edge=edge_of_file(rest["edge"], rest.get("edge_rises")))
+
+
+def edge_of_file(path: str, rises: str | None) -> Any:
+    """Return the `EdgeProfile` of a file of a certificate, its circle taken off."""
+    from metrosep.io.runs import Role, read_roles
+    from metrosep.process import EdgeProfile
+
+    if rises is None:
+        raise DataError(
+            'edge_rises says where psi grows to: "outwards" (away from the spindle axis) or "inwards"; plots '
+            "run from left to right on the rake face, which is either"
+        )
+    roles = {"psi": Role("psi_deg", "angle"), "wave": Role("deviation_nm", "length")}
+    found = read_roles([path], roles).values
+    return EdgeProfile.from_certificate(found["psi"], found["wave"], rises=rises)  # type: ignore[arg-type]  # checked there
 
 
 _SETTING = ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR")
 _NOSE = ("rake", "window", "clearance", "flank", "yaw", "radius_in")
-_OF_NOSE = (*_NOSE, "servo", "part")
+_OF_NOSE = (*_NOSE, "edge", "edge_rises", "servo", "part")
 """Keys that mean something with a nose only."""
 
 

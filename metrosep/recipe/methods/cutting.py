@@ -1,0 +1,322 @@
+"""Steps of recipes about a program file: its error budget on the cut surface, what its axes must do.
+
+And the hysteresis of the stage that drives a fast tool: identified from loops, inverted for a course.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from metrosep.controllers.gcode.lathe import LatheAxes
+from metrosep.core.errors import DataError
+from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import Method
+from metrosep.core.options import Option, options_of
+from metrosep.core.recording import Recording
+from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
+from metrosep.recipe.methods.ops_machine import form_of
+from metrosep.recipe.methods.ops_process import JobPredicted, edge_of_file
+
+__all__ = ["CutBudgetFound", "HysteresisFound"]
+
+_AXES = options_of(LatheAxes)
+_PROGRAM: Mapping[str, Option] = {
+    "program": Option(
+        "file", required=True, help="program of the tip: G-code, PVT or a list of points"
+    ),
+    **_AXES,
+    "velocity_time": Option("time", help="unit of time of a PMAC's velocities (Ix90)"),
+    "joined_by": Option(
+        "text",
+        choices=("linear", "spline"),
+        help="what the control makes of a list of points whose head does not say",
+    ),
+}
+_EDGE = ("edge", "edge_rises")
+_TOOL = ("nose_radius", "rake", "window", "radius_in", "yaw")
+_SETTING = ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR")
+_PIXELS = 61
+
+
+def _program_of(options: Mapping[str, Any]) -> tuple[Any, LatheAxes]:
+    """Return the program of a file, and the axes of the machine."""
+    from metrosep.controllers.gcode.turning_reader import read_program
+
+    axes = LatheAxes(**{k: v for k, v in options.items() if k in _AXES})
+    words = {
+        "interpolation": options.get("joined_by"),
+        "velocity_time": options.get("velocity_time"),
+    }
+    return read_program(options["program"], axes, **words), axes
+
+
+# ---- budget on the cut surface ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class CutBudgetFound:
+    """The budget of a program file, and what a measured part shows of it."""
+
+    budget: Any  # CutBudget
+    x: Any  # m, places
+    y: Any
+    pixel: float  # m, of the places where they are a grid; 0 where they are those of a part
+    shown: Any = None  # CauseFit
+    said: tuple[str, ...] = ()
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What to know."""
+        return (*self.said, *self.budget.messages, *(self.shown.messages if self.shown else ()))
+
+
+class CutBudgeted(Method):
+    """`cut_budget` by its name."""
+
+    name: ClassVar[str] = "cut_budget"
+    what: ClassVar[str] = (
+        "error of the part that a program file cuts, cause by cause, and which of them a part shows"
+    )
+    reads: ClassVar = "nothing"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        **_PROGRAM,
+        **{n: JobPredicted.arguments[n] for n in ("form", *_TOOL, *_EDGE, *_SETTING)},
+        "log": Option(
+            "file",
+            help="what the axes did beside their command: columns t_s, X_um (of the radius, as the axis "
+            "points), C_deg, Z_um, actual minus commanded",
+        ),
+        "part": Option(
+            "file", help="map of a part that was cut with the program, its centre at 0, 0"
+        ),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Any, options: Mapping[str, Any]) -> CutBudgetFound:
+        """Return what the step makes."""
+        from dataclasses import replace
+
+        from metrosep.process import RoundNose, ToolSetting, cut_budget
+        from metrosep.process.cutting.budgets import drawn_points, fit_causes
+        from metrosep.process.cutting.virtual_part import touched_radii
+
+        if "nose_radius" not in options:
+            raise DataError("a part is cut by a tool: give its nose_radius")
+        program, axes = _program_of(options)
+        words = {k: options[k] for k in _TOOL if k in options and k != "nose_radius"}
+        nose = RoundNose(options["nose_radius"], **words)
+        actual = None
+        said: tuple[str, ...] = ()
+        if "edge" in options:
+            profile = edge_of_file(options["edge"], options.get("edge_rises"))
+            actual, said = replace(nose, edge=profile), profile.messages
+        setting = {k: options[k] for k in _SETTING if k in options}
+        form = form_of(options["form"])
+        low, high = touched_radii(program, nose, form)
+        pixel, error = 0.0, None
+        if "part" in options:
+            x, y, z = drawn_points(_map_of(options["part"]), (low, high), 1500, 0)
+            error = z - form(x, y)
+        else:
+            pixel = 2.0 * high / (_PIXELS - 1)
+            axis = np.linspace(-high, high, _PIXELS)
+            x, y = np.meshgrid(axis, axis)
+        rho = np.hypot(x, y)
+        inside = (rho >= low) & (rho <= high) & np.isfinite(form(x, y))
+        x, y = x[inside], y[inside]
+        budget = cut_budget(
+            program, nose, x, y,
+            form=form,
+            actual=actual,
+            setting=ToolSetting(**setting) if setting else None,
+            deviation=_deviation(options["log"], axes) if "log" in options else None,
+        )  # fmt: skip
+        shown = None if error is None else fit_causes(budget, error[inside], x, y)
+        return CutBudgetFound(budget, x, y, pixel, shown, said)
+
+
+def _map_of(path: str) -> Surface:
+    """Return the map of a file."""
+    from metrosep.io.read import read
+
+    measured = read(path)
+    if not isinstance(measured, Surface):
+        raise DataError(f"part: {path} holds a {type(measured).__name__}, a map is needed")
+    return measured
+
+
+def _deviation(path: str, axes: LatheAxes) -> Any:
+    """Return what the axes did beside their command, of a file."""
+    from metrosep.io.runs import Role, read_roles
+    from metrosep.process import PathDeviation
+
+    found = read_roles(
+        [path],
+        {
+            "t": Role("t_s", "time"), "x": Role("X_um", "length"),
+            "c": Role("C_deg", "angle"), "z": Role("Z_um", "length"),
+        },
+    ).values  # fmt: skip
+    outward = -1.0 if axes.tool_side == "-X" else 1.0
+    return PathDeviation(found["t"], outward * found["x"], axes.way * found["c"], found["z"])
+
+
+# ---- what the axes must do --------------------------------------------------------------------------
+
+_LIMIT = re.compile(r"\s*([-+0-9.eE]+)\s*(mm|m|deg|rad)/(s|min)\^?([23]?)\s*")
+_SIZES = {"mm": 1e-3, "m": 1.0, "deg": np.pi / 180.0, "rad": 1.0}
+_LIMITED = {"": "velocity", "2": "acceleration", "3": "jerk"}
+_HELP = 'what {} can do, by the unit: "20 mm/s", "0.5 m/s2", "100 m/s3"'
+
+
+class AxesMoved(Method):
+    """`axis_motion` by its name."""
+
+    name: ClassVar[str] = "axis_motion"
+    what: ClassVar[str] = "velocity, acceleration and jerk that a program file asks of X, C and Z"
+    reads: ClassVar = "nothing"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        **_PROGRAM,
+        "x_limits": Option("texts", help=_HELP.format("X")),
+        "c_limits": Option(
+            "texts", help=_HELP.format("C").replace("mm", "deg").replace(" m", " rad")
+        ),
+        "z_limits": Option("texts", help=_HELP.format("Z")),
+        "block_time": Option("time", help='that the controller needs for a block, "2 ms"'),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Any, options: Mapping[str, Any]) -> Any:
+        """Return what the step makes."""
+        from metrosep.process import axis_motion
+
+        program, _ = _program_of(options)
+        limits = {
+            axis: _limits_of(options[f"{axis.lower()}_limits"], axis)
+            for axis in ("X", "C", "Z")
+            if f"{axis.lower()}_limits" in options
+        }
+        return axis_motion(program, limits, block_time=options.get("block_time", 0.0))
+
+
+def _limits_of(texts: tuple[str, ...], axis: str) -> Any:
+    """Return the `AxisLimits` of texts whose units say what they limit."""
+    from metrosep.process import AxisLimits
+
+    found: dict[str, float] = {}
+    key = f"{axis.lower()}_limits"
+    for text in texts:
+        match = _LIMIT.fullmatch(text)
+        if match is None or (match[3] == "min" and match[4]):
+            raise DataError(
+                f'{key} has {text!r}; write limits as "20 mm/s", "0.5 m/s2", "100 m/s3"; of C as "360 deg/s"'
+            )
+        if (match[2] in ("deg", "rad")) != (axis == "C"):
+            raise DataError(
+                f"{key} has {text!r}: {axis} {'turns' if axis == 'C' else 'moves along'}"
+            )
+        name = _LIMITED[match[4]]
+        if name in found:
+            raise DataError(f"{key} states the {name} twice")
+        found[name] = float(match[1]) * _SIZES[match[2]] / (60.0 if match[3] == "min" else 1.0)
+    return AxisLimits(**found)
+
+
+# ---- hysteresis of the stage ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class HysteresisFound:
+    """A stage as its loops tell it, and the voltages of a course."""
+
+    fit: Any  # HysteresisFit
+    drives: Any = None  # DriveResiduals
+    wanted: Any = None  # m, course
+    said: tuple[str, ...] = field(default=())
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What to know."""
+        return (*self.said, *self.fit.messages, *(self.drives.messages if self.drives else ()))
+
+
+class HysteresisIdentified(Method):
+    """`hysteresis` by its name."""
+
+    name: ClassVar[str] = "hysteresis"
+    what: ClassVar[str] = (
+        "hysteresis of a stage from its loops, and the voltages that make up for it"
+    )
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {
+        "voltage": "any",
+        "displacement": "length",
+        "time": "time?",
+    }
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "threshold_spacing": Option(
+            "number", help="between thresholds, V; a fortieth of the range if left out"
+        ),
+        "course": Option(
+            "file", help="displacements to be driven, in order of time: column displacement_um"
+        ),
+        "history": Option(
+            "texts",
+            help="voltages that the stage has seen before the course, from never driven on: 0,10,0; none for "
+            "a stage never driven",
+        ),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> HysteresisFound:
+        """Return what the step makes."""
+        from metrosep.io.runs import Role, read_roles
+        from metrosep.process import PrandtlIshlinskii, compare_drives, flexure_calibration
+
+        n = data.values["displacement"].size
+        log = Recording(
+            data.values.get("time", np.arange(float(n))),
+            {"voltage": data.values["voltage"], "displacement": data.values["displacement"]},
+            history=data.history,
+        )
+        fit = PrandtlIshlinskii.identify(log, spacing=options.get("threshold_spacing"))
+        if "course" not in options:
+            if "history" in options:
+                raise DataError("history belongs to a course: give the file of displacements")
+            return HysteresisFound(fit)
+        if "history" not in options:
+            raise DataError(
+                "the voltages of a course depend on what the stage has seen before: give history, such as "
+                '"0,10,0" for a conditioning cycle, or "none" for a stage never driven'
+            )
+        wanted = read_roles(
+            [options["course"]], {"wanted": Role("displacement_um", "length")}
+        ).values["wanted"]
+        drives = compare_drives(
+            wanted, fit.model, flexure_calibration(log), history=_voltages(options["history"])
+        )
+        off = fit.rms if np.isnan(fit.worst_left_out) else fit.worst_left_out
+        said = (
+            "what is left on the course is by the model, which the inverse undoes; the model itself is off by "
+            f"{format_length(off)} on {'its loops (RMS)' if off == fit.rms else 'the loop left out'}: expect that"
+        )
+        return HysteresisFound(fit, drives, wanted, (said,))
+
+
+def _voltages(texts: tuple[str, ...]) -> tuple[float, ...]:
+    """Return voltages that were typed."""
+    each = [t.strip() for text in texts for t in text.split(",")]
+    if each == ["none"]:
+        return ()
+    try:
+        return tuple(float(re.sub(r"\s*V$", "", t)) for t in each)
+    except ValueError:
+        raise DataError(
+            f"history is voltages such as 0,10,0, or none; got {', '.join(texts)}"
+        ) from None

@@ -1,0 +1,197 @@
+"""Steps about a program file and a stage, through recipe and command line, judged by the files.
+
+Programs, parts and stages are those of the examples, which are made without the package.
+"""
+
+import importlib.util
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from metrosep.cli.main import main
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+CUT, STAGE = EXAMPLES / "cut_budget", EXAMPLES / "stage_hysteresis"
+NM, UM, MM = 1e-9, 1e-6, 1e-3
+
+
+def called(*words):
+    """Exit code of a command line."""
+    with pytest.raises(SystemExit) as ended:
+        main(["-q", *map(str, words)])
+    return ended.value.code or 0
+
+
+def maker(folder):
+    spec = importlib.util.spec_from_file_location(f"make_{folder.name}", folder / "make_data.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def values(folder):
+    """Metrics of a result by name."""
+    document = json.loads((folder / "result.json").read_text())
+    return {r["metric"]: r for r in document["characteristics"]}, document
+
+
+def ran(tmp_path, name, change=lambda text: text, command="predict"):
+    """Run a recipe of the examples that was changed, beside its data."""
+    text = change((CUT / name).read_text())
+    for file in ("part.nc", "edge.csv", "log.csv", "part.csv"):
+        text = text.replace(f'"{file}"', f'"{CUT / file}"')
+    (tmp_path / name).write_text(text)
+    code = called(command, tmp_path / name, "-o", tmp_path / "out")
+    return code, *values(tmp_path / "out")
+
+
+@pytest.fixture(scope="module")
+def budget(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("budget")
+    return (*ran(folder, "budget.toml"), folder)
+
+
+def test_the_part_shows_what_is_in_it_and_not_the_log_of_another_day(budget):
+    code, found, document, _ = budget
+    assert code == 0
+    for name, there in (("program", 1), ("tool", 1), ("tool setting", 1), ("follow-up", 0)):
+        amount, u = (found[f"shown.{name}"][k] for k in ("value", "u"))
+        assert abs(amount - there) <= 3 * u
+        assert u < 0.03
+    assert found["explained"]["value"] > 0.99
+    assert found["left"]["value"] == pytest.approx(1 * NM, abs=0.1 * NM)  # the noise of the map
+    assert any("least-squares circle was taken off" in m for m in document["messages"])
+
+
+def test_the_table_of_causes_adds_up_to_the_full_cut(budget):
+    *_, folder = budget
+    table = pd.read_csv(folder / "out" / "causes.csv", comment="#")
+    names = ["program_m", "tool_m", "tool_setting_m", "follow-up_m"]
+    whole = table[names].sum(axis=1) - table["sum_m"]
+    assert float(np.abs(whole).max()) < 1e-13
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "name"),
+    [('dx = "1.5 um"', 'dx = "-1.5 um"', "tool setting"), ('"outwards"', '"inwards"', "tool")],
+)
+def test_a_wrong_sign_is_not_shown(tmp_path, old, new, name):
+    code, found, _ = ran(tmp_path, "budget.toml", lambda t: t.replace(old, new))
+    assert code == 0
+    amount, u = (found[f"shown.{name}"][k] for k in ("value", "u"))
+    assert abs(amount - 1) > 6 * u
+    assert found["left"]["value"] > 2 * NM
+
+
+def test_limits_of_axes_are_those_of_the_words(tmp_path):
+    rows = re.findall(r"X([\d.]+) C([-\d.]+) Z([-\d.]+) F([\d.]+)", (CUT / "part.nc").read_text())
+    X, C, Z, F = np.array(rows, dtype=float).T
+    minutes = 1 / F[1:]  # G93 in 1/min
+    speeds = {k: np.abs(np.diff(v)) / minutes / 60 for k, v in (("X", X), ("C", C), ("Z", Z))}
+
+    code, found, document = ran(tmp_path, "motion.toml")
+
+    assert code == 0
+    assert found["Z.velocity"]["value"] == pytest.approx(speeds["Z"].max() * MM, rel=1e-9, abs=0)
+    assert found["C.velocity"]["value"] == pytest.approx(np.radians(speeds["C"].max()), rel=1e-9, abs=0)  # fmt: skip
+    rpm = 60 * min(720 / speeds["C"].max(), 0.5 / speeds["Z"].max(), 10 / speeds["X"].max())
+    assert found["rpm_max"]["value"] == pytest.approx(rpm, rel=1e-4, abs=0)
+    slow = lambda t: t.replace('"0.5 mm/s"', '"3 mm/min"')  # noqa: E731
+    _, found, document = ran(tmp_path, "motion.toml", slow)
+    assert found["rpm_max"]["value"] == pytest.approx(60 * 0.05 / speeds["Z"].max(), rel=1e-4, abs=0)  # fmt: skip
+    assert any("velocity of Z is" in m and "would keep it" in m for m in document["messages"])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('["20 mm"]', "write limits as"),
+        ('["20 deg/s"]', "Z moves along"),
+        ('["2 m/min2"]', "write limits as"),
+        ('["1 m/s2", "2 m/s^2"]', "states the acceleration twice"),
+    ],
+)
+def test_limits_that_say_nothing_are_refused(tmp_path, capsys, text, said):
+    old = 'z_limits = ["0.5 mm/s"]'
+    (tmp_path / "m.toml").write_text(
+        (CUT / "motion.toml").read_text().replace(old, f"z_limits = {text}").replace("part.nc", str(CUT / "part.nc"))
+    )  # fmt: skip
+    assert called("predict", tmp_path / "m.toml") in (2, 4)
+    assert said in capsys.readouterr().err
+
+
+EDGE = """metrosep = 1
+[[step]]
+op = "predict"
+form = "expression: 9*x**2+14*y**2+3*x*y+6e-3*x"
+radius = "1.5 mm"
+core = "1.35 mm"
+feed = "10 um"
+rpm = 60
+sense = "clockwise"
+nose_radius = "0.6 mm"
+edge = "edge.csv"
+edge_rises = "{rises}"
+interpolation = "linear"
+angle_step = "1 deg"
+[[output]]
+kind = "program"
+verify = false
+path = "p.nc"
+c_positive = "workpiece ccw"
+inverse_time = "1/min"
+"""
+
+
+@pytest.mark.parametrize(("rises", "right"), [("outwards", True), ("inwards", False)])
+def test_a_program_makes_up_for_a_measured_edge(tmp_path, rises, right):
+    """The file is cut by the example's own envelope with the wavy edge, the circle taken off as a maker would."""
+    make = maker(CUT)
+    make.DX = make.DR = 0.0
+    psi = np.radians(np.linspace(-15.0, 15.0, 301))
+    circle = np.stack([np.ones_like(psi), np.sin(psi), np.cos(psi)], axis=1)
+    raw = make.waviness(psi)
+    wave = raw - circle @ np.linalg.lstsq(circle, raw, rcond=None)[0]
+    make.waviness = lambda at: np.interp(at, psi, wave)
+    rows = [f"{np.degrees(p):.6f},{1e9 * d:.6f}" for p, d in zip(psi, wave, strict=True)]
+    (tmp_path / "edge.csv").write_text("\n".join(["psi_deg,deviation_nm", *rows, ""]))
+    (tmp_path / "e.toml").write_text(EDGE.format(rises=rises))
+
+    assert called("predict", tmp_path / "e.toml", "-o", tmp_path / "out") == 0
+
+    words = re.findall(r"X([\d.]+) C([-\d.]+) Z([-\d.]+)", (tmp_path / "out" / "p.nc").read_text())
+    X, C, Z = np.array(words, dtype=float).T
+    rng = np.random.default_rng(1)
+    rho, theta = rng.uniform(1.38e-3, 1.47e-3, 1500), rng.uniform(-np.pi, np.pi, 1500)
+    left = make.cut(X * MM, -np.radians(C), Z * MM, rho, theta)
+    left -= make.surface(rho * np.cos(theta), rho * np.sin(theta))
+    # nothing is cut too deep but by chords; a wrong edge digs 15 nm
+    assert left.min() > -2.5 * NM if right else left.min() < -10 * NM
+
+
+def test_voltages_of_a_course_drive_a_stage_with_a_memory(tmp_path):
+    stage = maker(STAGE)
+    assert called("run", STAGE / "stage.toml", "-o", tmp_path) == 0
+    table = pd.read_csv(tmp_path / "stage-course.csv", comment="#")
+    found, document = values(tmp_path)
+
+    cycle = stage.through([0, 10, 0], 0.1)
+    for way, low, high in (("prandtl_ishlinskii", 0.0, 0.012), ("mean_curve", 0.15, 0.25)):
+        driven = stage.stage(np.append(cycle, table[f"{way}_V"]))[cycle.size :]
+        off = np.abs(driven - 1e6 * table["displacement_m"]).max()
+        assert low <= off <= high  # um
+    assert found["mean_curve.left"]["value"] == pytest.approx(209 * NM, abs=3 * NM)
+    assert any("the model itself is off by" in m for m in document["messages"])
+
+
+def test_a_course_without_history_is_refused(capsys):
+    words = ["--method", "hysteresis", "--column", "voltage=voltage_V", "--column", "displacement=displacement_um"]  # fmt: skip
+    course = ["--set", f"course={STAGE / 'course.csv'}"]
+    assert called("separate", STAGE / "loops.csv", *words, *course) in (2, 4)
+    assert "depend on what the stage has seen before" in capsys.readouterr().err
+    with_history = [*course, "--set", "history=none"]
+    assert called("separate", STAGE / "loops.csv", *words, *with_history) == 0
