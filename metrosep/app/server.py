@@ -35,6 +35,7 @@ from metrosep.app.map_views import (
     map_frame,
     map_view,
     profile_arrays,
+    relief_view,
     section_frame,
     spectrum_frame,
 )
@@ -367,7 +368,7 @@ CHANGING = ("open", "edit", "undo", "redo")
 """Requests after which every page shows another recipe."""
 
 _OWN = ("hello", "view", *CHANGING)
-_PICTURES = ("map", "section", "profile", "spectrum", "density")
+_PICTURES = ("map", "relief", "section", "profile", "spectrum", "density")
 _ELSEWHERE = {
     "metrics": "metrics_answers:metrics",
     "export": "export_answers:export",
@@ -509,6 +510,12 @@ class PictureAnswers:
         pixel = None if full is None else [getattr(full.obj, k, None) for k in ("dx", "dy")]
         known = pixel is not None and None not in pixel
         return {**header, "pixel": pixel if known else None}, arrays
+
+    def relief(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``relief``: heights about their mean for a view in three dimensions."""
+        outcome, obj = self._surface(message, cancel, "relief")
+        header, z = relief_view(obj, side=message.get("side", 512))
+        return {**header, "is_preview": outcome.is_preview}, {"z": z}
 
     def _pyramid(self, obj: Surface) -> MapPyramid:
         evaluations = self.session.evaluations
