@@ -24,6 +24,8 @@ FLAGS = (
     "--headless",
     "--no-sandbox",
     "--disable-gpu",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
     "--disable-quic",
     "--no-first-run",
     "--disable-background-networking",
@@ -41,6 +43,8 @@ KEYS = {
     "Escape": 27,
     "Tab": 9,
     "Delete": 46,
+    "PageUp": 33,
+    "PageDown": 34,
     "Home": 36,
     "End": 35,
 }

@@ -38,6 +38,7 @@ __all__ = [
     "map_frame",
     "map_view",
     "profile_arrays",
+    "relief_view",
     "section_frame",
     "spectrum_frame",
 ]
@@ -358,6 +359,44 @@ def map_frame(view: MapView, extent: object, *, is_preview: bool = False) -> Fra
     }
     shade = {} if view.shade is None else {"shade": view.shade}
     return header, {"index": view.index, **shade}
+
+
+_RELIEF = (16, 1024)
+"""Fewest and most points along a side of a relief."""
+
+
+def relief_view(
+    surface: Surface, *, side: Any = 512
+) -> tuple[dict[str, Any], NDArray[np.float32]]:
+    """Return heights about their mean, thinned so that no extreme is lost, and where they lie.
+
+    The mean goes before the heights become float32: 50 um of piston would leave steps of 4 pm.
+    """
+    from metrosep.recipe.describe.charts import decimated, display_limits
+
+    least, most = _RELIEF
+    if isinstance(side, bool) or not isinstance(side, int) or not least <= side <= most:
+        raise DataError(f"side is a whole number from {least} to {most}, got {side!r}")
+    valid = surface.z[~np.isnan(surface.z)]
+    if valid.size < 2:
+        raise DataError("there is nothing measured to show")
+    mean = float(valid.mean())
+    k = -(-max(surface.shape) // side)
+    z = decimated(surface.z - mean, k)
+    low, high, *_ = display_limits(z)
+    known = surface.dx is not None and surface.dy is not None
+    steps = (surface.dx or 1.0, surface.dy or 1.0) if known else (1.0, 1.0)
+    first = surface.origin if known else (0.0, 0.0)
+    header = {
+        "step": [k * d for d in steps],
+        "origin": [o + 0.5 * (k - 1) * d for o, d in zip(first, steps, strict=True)],
+        "range": [float(np.nanmin(z)), float(np.nanmax(z))],
+        "shown": [low, high],
+        "mean": mean,
+        "pv": float(np.ptp(valid)),
+        "unit": "m" if known else "px",
+    }
+    return header, np.asarray(z, dtype=np.float32)
 
 
 def section_frame(view: SectionView, *, is_preview: bool = False) -> Frame:

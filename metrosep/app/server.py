@@ -35,6 +35,7 @@ from metrosep.app.map_views import (
     map_frame,
     map_view,
     profile_arrays,
+    relief_view,
     section_frame,
     spectrum_frame,
 )
@@ -54,7 +55,7 @@ from metrosep.core.sections import section_profile
 from metrosep.core.surface import Surface
 from metrosep.recipe.pipeline import CancelledError
 
-__all__ = ["STATIC", "make_app", "new_token"]
+__all__ = ["STATIC", "Guard", "make_app", "new_cookie", "new_token", "safe_headers"]
 
 STATIC = Path(__file__).parent / "static"
 _LARGEST_MESSAGE = 4_000_000
@@ -68,6 +69,20 @@ _POLICY = (
 def new_token() -> str:
     """Return a token for one start of the server."""
     return secrets.token_urlsafe(32)
+
+
+def safe_headers() -> dict[str, str]:
+    """Return the headers of a page that asks nobody else for anything."""
+    return {
+        "Content-Security-Policy": _POLICY,
+        "Referrer-Policy": "no-referrer",
+        "X-Content-Type-Options": "nosniff",
+    }
+
+
+def new_cookie(response: Response, guard: Guard) -> None:
+    """Let the page of this start ask again without the token in its address."""
+    response.set_cookie(guard.cookie, guard.token, httponly=True, samesite="strict", path="/")
 
 
 def make_app(places: Places, *, port: int, token: str, first: Sequence[str] = ()) -> Starlette:
@@ -88,11 +103,8 @@ def make_app(places: Places, *, port: int, token: str, first: Sequence[str] = ()
         if refused is not None:
             return refused
         text = (STATIC / "index.html").read_text(encoding="utf-8")
-        response = Response(text, media_type="text/html")
-        response.headers["Content-Security-Policy"] = _POLICY
-        response.headers["Referrer-Policy"] = "no-referrer"
-        response.headers["X-Content-Type-Options"] = "nosniff"
-        response.set_cookie(guard.cookie, token, httponly=True, samesite="strict", path="/")
+        response = Response(text, media_type="text/html", headers=safe_headers())
+        new_cookie(response, guard)
         return response
 
     async def upload(request: Request) -> Response:
@@ -367,7 +379,7 @@ CHANGING = ("open", "edit", "undo", "redo")
 """Requests after which every page shows another recipe."""
 
 _OWN = ("hello", "view", *CHANGING)
-_PICTURES = ("map", "section", "profile", "spectrum", "density")
+_PICTURES = ("map", "relief", "section", "profile", "spectrum", "density")
 _ELSEWHERE = {
     "metrics": "metrics_answers:metrics",
     "export": "export_answers:export",
@@ -509,6 +521,12 @@ class PictureAnswers:
         pixel = None if full is None else [getattr(full.obj, k, None) for k in ("dx", "dy")]
         known = pixel is not None and None not in pixel
         return {**header, "pixel": pixel if known else None}, arrays
+
+    def relief(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``relief``: heights about their mean for a view in three dimensions."""
+        outcome, obj = self._surface(message, cancel, "relief")
+        header, z = relief_view(obj, side=message.get("side", 512))
+        return {**header, "is_preview": outcome.is_preview}, {"z": z}
 
     def _pyramid(self, obj: Surface) -> MapPyramid:
         evaluations = self.session.evaluations

@@ -43,6 +43,7 @@ from metrosep.recipe.steps import (
     MEASURING_INPUT,
     METHOD_CHECK,
     METHOD_OUTPUTS,
+    OPERATOR,
     OUTPUTS,
     TOP,
 )
@@ -85,6 +86,8 @@ class Recipe:
         What to do, values in SI.
     sections : tuple of mapping, optional
         Tables ``[[section]]``: what is measured on the map that the steps leave.
+    operator : mapping, optional
+        The table ``[operator]``: what ``metrosep ui --operator`` offers.
     batch_options : mapping, optional
         The table ``[batch]`` with its defaults.
     bases : tuple of (str, str), optional
@@ -111,6 +114,7 @@ class Recipe:
     typed: Mapping[str, Any] = field(default_factory=dict)
     look: Mapping[str, Any] = field(default_factory=dict)
     sections: tuple[Mapping[str, Any], ...] = ()
+    operator: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def is_method(self) -> bool:
@@ -306,6 +310,11 @@ class Recipe:
             sections=several_tables(data.get("section", []), SECTIONS, "kind", "[[section]]", top),
             batch_options=freeze_mapping(batch_table(data.get("batch", {}), place("[batch]"))),
             bases=bases,
+            operator=freeze_mapping(
+                checked_table(
+                    data.get("operator", {}), OPERATOR, place("[operator]"), what="[operator]"
+                )
+            ),
             **_stated(data.get("report", {}), report, Path(folder), place("[report]"), admits),
         )
         files = [(o, (METHOD_OUTPUTS | OUTPUTS)[o["kind"]]) for o in recipe.outputs]

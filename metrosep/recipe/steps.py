@@ -25,6 +25,7 @@ __all__ = [
     "METHOD_CHECK",
     "METHOD_OUTPUTS",
     "METRICS",
+    "OPERATOR",
     "OUTPUTS",
     "STEPS",
     "TOP",
@@ -43,6 +44,11 @@ TOP = {
     "batch": Field("table"),
     "view": Field("table"),
     "report": Field("table"),
+    "operator": Field("table"),
+}
+
+OPERATOR = {
+    "reasons": Field("texts", help="why a part may fail, for the operator to choose from"),
 }
 
 INPUT = {

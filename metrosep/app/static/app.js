@@ -57,7 +57,7 @@ const tree = makeTree(el("steps"), {
 });
 const views = makeViews({
   wire, level: () => ladder.level, stage: () => tree.chosen, kind: () => session.kind ?? "none", failed: fail,
-  judged: () => shownStep()?.op === "psd", shown: memory.put, learn: (header) => drawing.learn(header),
+  judged: () => shownStep()?.op === "psd", shown: memory.put, learn: (header) => drawing.learn(header), lines: () => drawing.lines(),
 });
 const drawing = makeDrawing({
   el: el("map"), bar: el("tools"), list: el("shapes"), session: () => session, edit, insert: tree.insert, say: alertText,
@@ -338,7 +338,7 @@ const acts = {
 for (const [id, act] of Object.entries(acts)) el(id).addEventListener("click", act);
 listenToKeys({
   z: acts.undo, "shift+z": acts.redo, "?": acts.help, o: choose, s: save, e: exportResult, f: acts.fit,
-  h: () => el("shade").click(), r: () => session.kind && tabs.choose("report"), ...drawing.acts,
+  h: () => el("shade").click(), r: () => session.kind && tabs.choose("report"), v: () => el("relief-on").click(), ...drawing.acts,
 }, (panel) => {
   const profile = session.kind === "profile";
   const shown = tabs.chosen === "view" ? [profile ? "panel-profile" : "panel-map", profile ? "panel-profile" : "panel-section", "panel-spectrum"]

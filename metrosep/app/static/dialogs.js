@@ -118,12 +118,13 @@ export async function askFile(path, canKeep) {
 }
 
 /**
- * Hand a text over as a download.
- * @param {string} text
+ * Hand a text or a picture over as a download.
+ * @param {string | Blob} content
  * @param {string} name of the file
  */
-export function download(text, name) {
-  const link = make("a", { href: URL.createObjectURL(new Blob([text], { type: "application/toml" })), download: name });
+export function download(content, name) {
+  const blob = content instanceof Blob ? content : new Blob([content], { type: "application/toml" });
+  const link = make("a", { href: URL.createObjectURL(blob), download: name });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
 }

@@ -2,7 +2,7 @@
 // Drawing on the map: tools, shapes with handles, and their list. A gesture ends as one edit of the recipe;
 // while it lasts nothing is asked of the server.
 
-import { chipOf, drawBar, fieldsOf, fillBar, groupOf, meant, nextName, node, shapesOf, TOOLS } from "./drawing_parts.js";
+import { chipOf, drawBar, fieldsOf, fillBar, groupOf, linesOf, meant, nextName, node, shapesOf, TOOLS } from "./drawing_parts.js";
 import { makeHandle, wheelFactor } from "./handles.js";
 import { gripsOf, kindOf, moved, pointText, setPixel, straightened, withCorner, withoutCorner, written } from "./shapes.js";
 
@@ -326,7 +326,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }
   });
   drawAll();
   return {
-    key,
+    key, lines: () => linesOf(shapes()),
     /** What keys do, by letter. @type {Record<string, () => void>} */
     acts: { n: flip, ...Object.fromEntries(TOOLS.map(([letter, name]) => [letter.toLowerCase(), () => use(name)])) },
     /** Another recipe, or another file. */

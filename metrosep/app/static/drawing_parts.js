@@ -38,6 +38,9 @@ export function shapesOf(now, centres) {
   ];
 }
 
+/** Ends of the straight sections, x0, y0, x1, y1 in m. @param {Shape[]} all */
+export const linesOf = (all) => all.filter((one) => one.table.kind === "line").map((one) => outline(one.table).lines[0].points.flat());
+
 /**
  * Return what the points of a gesture mean so far.
  * @param {string} tool

@@ -14,6 +14,7 @@ export const KEYS = [
   ["Del", "delete the chosen shape, or the corner that has the focus"],
   ["Ctrl+C Ctrl+V", "copy the chosen shape"],
   ["H", "hill-shade"],
+  ["V", "the map in three dimensions; arrows turn it, page keys change its height scale"],
   ["Z", "undo; with Shift redo"],
   ["O", "open"],
   ["S", "save the recipe"],

@@ -3,8 +3,10 @@
 
 import colourbarWidget from "./colourbar.js";
 import densityWidget from "./density.js";
+import { download } from "./dialogs.js";
 import { si } from "./format.js";
 import mapWidget from "./map.js";
+import { makeRelief } from "./relief.js";
 import profileWidget from "./profile.js";
 import { bandOf, bandView, sectionOf, sectionView } from "./remember.js";
 import sectionWidget from "./section.js";
@@ -24,9 +26,10 @@ import { makeModel, Refusal, Superseded } from "./wire.js";
  * @param {() => boolean} options.judged whether the step that is shown compares a spectrum with a limit
  * @param {(error: unknown) => void} options.failed
  * @param {(view: Dict) => void} options.shown told what is to be remembered of the view
+ * @param {() => number[][]} options.lines ends of sections
  * @param {(header: Dict) => void} options.learn told what a picture of the map says of it
  */
-export function makeViews({ wire, level, stage, kind, judged, failed, shown, learn }) {
+export function makeViews({ wire, level, stage, kind, judged, failed, shown, learn, lines }) {
   const el = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
   let shade = false;
   let placed = false;
@@ -64,6 +67,28 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
   spectrumWidget.render({ model: spectrum, el: el("spectrum") });
   densityWidget.render({ model: density, el: el("density") });
   profileWidget.render({ model: profile, el: el("profile") });
+
+  /** @type {ReturnType<typeof makeRelief> | null} */
+  let relief = null; // made when it is asked for
+  async function askRelief(/** @type {Level} */ at = level()) {
+    if (el("relief").hidden || kind() !== "map") return;
+    const mine = epoch;
+    try {
+      const { header, arrays } = await wire.ask("relief", { stage: stage(), level: at, side: 512 });
+      if (mine === epoch) relief?.put(header, arrays);
+    } catch (error) {
+      refused(error, (text) => (el("map-message").textContent = text));
+    }
+  }
+  el("relief-on").addEventListener("click", () => {
+    const on = el("relief").hidden;
+    for (const id of ["map", "tools", "shapes"]) el(id).hidden = on || (id === "shapes" && !el(id).childElementCount);
+    el("relief").hidden = el("relief-save").hidden = !on;
+    el("relief-on").setAttribute("aria-pressed", String(on));
+    relief ??= makeRelief(el("relief"), { table: () => map.get("colours"), lines });
+    askRelief();
+  });
+  el("relief-save").addEventListener("click", () => relief?.picture().toBlob((blob) => blob && download(blob, "map-3d.png")));
 
   /** Errors of a picture are shown in it; the rest of the page goes on. */
   function refused(/** @type {unknown} */ error, /** @type {(text: string) => void} */ show) {
@@ -219,7 +244,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     map, section, spectrum, profile,
     /** @param {Level} [at] */
     async show(at) {
-      await Promise.all([askMap(at), askProfile(at)]);
+      await Promise.all([askMap(at), askProfile(at), askRelief(at)]);
       await Promise.all([askSection(at), askSpectrum(at)]);
     },
     /** Another file: begin anew, with what its recipe holds of the view. @param {Dict} view */
@@ -254,6 +279,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     colours(name) {
       localStorage.setItem("colours", name);
       map.put({ colours: name });
+      relief?.paint();
       shown({ colours: name });
     },
     /** Largest side of what was measured, m. */
