@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from metrosep.cli.options import json_option, override_option, say
+from metrosep.cli.options import json_option, override_option, report_option, say, say_next
 
 if TYPE_CHECKING:
     from metrosep.batch.index import BatchReport
@@ -55,6 +55,7 @@ _OF_UNITS = (1, 3, 6)
     help="End with 0 also where units are rejected, inconclusive or failed.",
 )
 @override_option
+@report_option
 @json_option
 @click.pass_context
 def batch(
@@ -66,6 +67,7 @@ def batch(
     watch: bool,
     exit_zero: bool,
     overrides: tuple[str, ...],
+    fields: tuple[str, ...],
     as_json: bool,
     **options: Any,
 ) -> int:
@@ -83,7 +85,7 @@ def batch(
         raise click.UsageError("--every needs --watch")
     seconds = (5.0 if every is None else every) if watch else None
     quiet = bool((context.obj or {}).get("quiet"))
-    loaded = Recipe.load(recipe, overrides=overrides)
+    loaded = Recipe.load(recipe, overrides=overrides, report=fields)
     require_limits(loaded)
     with _progress(quiet=quiet) as tell:
         report = run_batch(loaded, folder, watch=seconds, tell=tell, **options)
@@ -99,6 +101,7 @@ def batch(
     say(report.summary())
     if report.out is not None:
         say(f"index    {report.out / 'index.json'}")
+        say_next("report", report.out, "--format", "xlsx", "-o", "reports")
     return code
 
 

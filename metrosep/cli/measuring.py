@@ -16,7 +16,9 @@ from metrosep.cli.options import (
     json_option,
     name_values,
     read_aloud,
+    report_option,
     say,
+    say_next,
 )
 from metrosep.cli.shortcut import input_lines, option_error, quoted
 from metrosep.core.limits import RULES
@@ -131,6 +133,7 @@ def flat_values(quantities: Any) -> dict[str, float | None]:
     "-o", "--out", metavar="DIR", help="Folder for the report and result.json of one FILE."
 )
 @click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")
+@report_option
 @file_options
 @json_option
 def measure(
@@ -155,6 +158,7 @@ def measure(
     sequential: bool,
     out: str | None,
     print_recipe: bool,
+    fields: tuple[str, ...],
     reading: dict[str, Any],
     as_json: bool,
 ) -> int:
@@ -178,9 +182,15 @@ def measure(
         raise click.UsageError(f"--U is given for {', '.join(idle)}, which has no limit")
     if (rule or sequential) and not {**options["lower"], **options["upper"]}:
         raise click.UsageError("--rule judges values by a limit: give --upper or --lower")
+    if fields and out is None:
+        raise click.UsageError(
+            "--report states a field of the report: add -o DIR, where it is written"
+        )
     if print_recipe or out is not None:
         _require_recipe_of_one(files, reading)
-    recipe = _recipe(files[0] if print_recipe or out is not None else None, options, reading)
+    recipe = _recipe(
+        files[0] if print_recipe or out is not None else None, options, reading, report=fields
+    )
     if print_recipe:
         click.echo(recipe.text, nl=False)
         return 0
@@ -207,6 +217,7 @@ def measure(
     if out is not None:
         for path in recipe.run([files[0]], out=out).files:
             say(f"{'report' if path.suffix == '.html' else 'result':8} {path}")
+        say_next("report", out, "--format", "pdf", "-o", "reports")
     return next((c for c in _WORST_FIRST if c in codes), 0)
 
 
@@ -219,7 +230,13 @@ def _require_recipe_of_one(files: Sequence[str], reading: Mapping[str, Any]) -> 
         raise click.UsageError(f"--set {stray[0]} has no key in a recipe that measures")
 
 
-def _recipe(file: str | None, options: Mapping[str, Any], reading: Mapping[str, Any]) -> Recipe:
+def _recipe(
+    file: str | None,
+    options: Mapping[str, Any],
+    reading: Mapping[str, Any],
+    *,
+    report: Sequence[str] = (),
+) -> Recipe:
     """Return the recipe of a call, checked."""
     from metrosep.core.errors import RecipeError
     from metrosep.recipe.preflight import require_limits
@@ -227,7 +244,7 @@ def _recipe(file: str | None, options: Mapping[str, Any], reading: Mapping[str, 
 
     text = _recipe_text(file, options, reading)
     try:
-        recipe = Recipe.parse(text, name=_CALL)
+        recipe = Recipe.parse(text, name=_CALL, report=report)
         require_limits(recipe)
     except RecipeError as error:
         raise _as_typed(error, text) from None

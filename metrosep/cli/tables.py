@@ -21,6 +21,7 @@ from metrosep.cli.options import (
     optional_read_options,
     read_aloud,
     say,
+    say_next,
     table_options,
     with_expansion,
 )
@@ -119,6 +120,8 @@ def table(
         click.echo(json.dumps(sidecar, sort_keys=True, allow_nan=False))
     for file in (out, str(sidecar_path(Path(out)))):
         say(f"wrote {file}")
+    if options["trial"] is None:
+        say_next("verify", out, "--against", "MAP" if info.carries == "map" else "NEW.csv")
     return 0
 
 
@@ -132,7 +135,7 @@ def _separated(
     from metrosep.recipe.recipe import Recipe
 
     given = {k: options.get(k) for k in RUN_INPUT} | {"method": options["method"] or "joint"}
-    require_columns({**given, "readings": options.get("readings")})
+    require_columns({**given, "readings": options.get("readings")}, files)
     refuse_list_options({**options, "direction": None})
     for name in reading:
         raise click.UsageError(
