@@ -9,7 +9,7 @@ RUNS = "runs.csv"
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rows = [
-        f"{r},{600 * (1 + r % 2)},{x / 10},{0.1 * ((x * 7 + r) % 5)}"
+        f"{r},{600 * (1 + r % 2)},{x / 10},{0.1 * ((x * 7 + r * r * x) % 5) + 0.01 * ((x * x + 3 * r) % 7)}"
         for r in range(4)
         for x in range(60)
     ]
