@@ -29,7 +29,12 @@ _OF_UNITS = (1, 3, 6)
 @click.option(
     "-o", "--out", required=True, help="Folder for the results, one in it for each file."
 )
-@click.option("--workers", type=int, metavar="N", help="How many at once; processors if omitted.")
+@click.option(
+    "--workers",
+    type=int,
+    metavar="N",
+    help="Number of units at once. Default: one for each processor.",
+)
 @click.option(
     "--scheduler",
     default="processes",
@@ -44,11 +49,14 @@ _OF_UNITS = (1, 3, 6)
     help="Keep what is done (default), or do all again.",
 )
 @click.option("--fail-fast", is_flag=True, help="Stop after the first failure.")
-@click.option("--watch", is_flag=True, help="Go on looking for new files until Ctrl-C.")
+@click.option("--watch", is_flag=True, help="Wait for new files until Ctrl-C.")
 @click.option(
-    "--every", type=float, metavar="SECONDS", help="With --watch: between two looks; 5 if omitted."
+    "--every",
+    type=float,
+    metavar="SECONDS",
+    help="Seconds between two looks (--watch). Default: 5.",
 )
-@click.option("--dry-run", is_flag=True, help="Report what would be done, and do nothing.")
+@click.option("--dry-run", is_flag=True, help="List what would be done, without doing it.")
 @click.option(
     "--exit-zero",
     is_flag=True,
@@ -73,7 +81,7 @@ def batch(
 ) -> int:
     """Run RECIPE on every file below DIR, each with its own verdict.
 
-    A batch that was stopped or killed goes on where it was when it is started again. Exit codes, the
+    Start a batch that was stopped or killed again: it goes on where it was. Exit codes, the
     worst counts: 5 internal error, 6 files that failed or folders that cannot be read, 1 rejected,
     3 inconclusive, 0 all accepted; 130 interrupted.
     """

@@ -129,7 +129,7 @@ def file_options(command: Callable[..., int]) -> Callable[..., int]:
         click.option("--unit", help="Unit of the heights where the file declares none."),
         click.option("--lateral-step", help='Overrides the lateral step of the file, "1.1 um".'),
         click.option("--channel", help="Channel of a file that holds several."),
-        click.option("--as", "format", metavar="FORMAT", help="Read it as this format."),
+        click.option("--as", "format", metavar="FORMAT", help="Read the file as this format."),
         click.option(
             "--set",
             "settings",

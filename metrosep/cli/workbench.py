@@ -19,10 +19,14 @@ _MISSING = (
 
 @click.command()
 @click.argument("files", nargs=-1, metavar="[FILE]...")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="0: any that is free.")
-@click.option("--no-browser", is_flag=True, help="Only print the address.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port. 0: any free port.")
+@click.option("--no-browser", is_flag=True, help="Print the address, without opening a browser.")
 @click.option(
-    "--folder", "folders", multiple=True, metavar="DIR", help="Another folder that may be used."
+    "--folder",
+    "folders",
+    multiple=True,
+    metavar="DIR",
+    help="Another folder that the page may use.",
 )
 def ui(files: tuple[str, ...], port: int, no_browser: bool, folders: tuple[str, ...]) -> int:
     """Open the workbench in the browser, with FILE: a map, a profile, a recipe, or several runs.
