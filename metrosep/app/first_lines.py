@@ -24,7 +24,7 @@ _WHY = {
     "names": "the names of the columns",
     "repeated header": "the names again, within the table",
     "footer": "text below the table",
-    "set aside": "left out as you said",
+    "set aside": "omitted as you said",
 }
 """Why a line of each class is no row."""
 

@@ -170,6 +170,7 @@ def run_batch(
         out=str(target),
         workers=1 if kind == "serial" or address is not None else count,
         resume=resume and not fresh,
+        stated=loaded.typed or None,
     )
     if dry_run:
         return _rehearse(task, replace(found, messages=(*found.messages, *first)), tell)

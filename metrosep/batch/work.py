@@ -11,7 +11,7 @@ import shutil
 import time
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,6 +65,9 @@ class Task:
     out: str  # output folder
     workers: int  # how many share the memory
     resume: bool = True  # whether what is done stays
+    stated: Mapping[str, Any] | None = (
+        None  # fields of the report beside the recipe, `Recipe.typed`
+    )
 
 
 def do_unit(task: Task, unit: Unit) -> dict[str, Any]:
@@ -191,6 +194,8 @@ def _carry_out(
     from metrosep.recipe.step_help import in_recipe_words
 
     recipe = _recipe(task.text, task.name, task.folder, task.recipe_hash)
+    if task.stated:
+        recipe = replace(recipe, typed=task.stated)
     folder = identity.folder(Path(task.out), unit)
     folder.mkdir(parents=True, exist_ok=True)
     for stale in folder.glob(f"{STAGE}*"):  # of a worker that was killed

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from metrosep.cli.options import json_option, override_option, say
+from metrosep.cli.options import json_option, override_option, report_option, say, say_next
 
 if TYPE_CHECKING:
     from metrosep.batch.index import BatchReport
@@ -29,7 +29,12 @@ _OF_UNITS = (1, 3, 6)
 @click.option(
     "-o", "--out", required=True, help="Folder for the results, one in it for each file."
 )
-@click.option("--workers", type=int, metavar="N", help="How many at once; processors if omitted.")
+@click.option(
+    "--workers",
+    type=int,
+    metavar="N",
+    help="Number of units at once. Default: one for each processor.",
+)
 @click.option(
     "--scheduler",
     default="processes",
@@ -44,17 +49,21 @@ _OF_UNITS = (1, 3, 6)
     help="Keep what is done (default), or do all again.",
 )
 @click.option("--fail-fast", is_flag=True, help="Stop after the first failure.")
-@click.option("--watch", is_flag=True, help="Go on looking for new files until Ctrl-C.")
+@click.option("--watch", is_flag=True, help="Wait for new files until Ctrl-C.")
 @click.option(
-    "--every", type=float, metavar="SECONDS", help="With --watch: between two looks; 5 if omitted."
+    "--every",
+    type=float,
+    metavar="SECONDS",
+    help="Seconds between two looks (--watch). Default: 5.",
 )
-@click.option("--dry-run", is_flag=True, help="Report what would be done, and do nothing.")
+@click.option("--dry-run", is_flag=True, help="List what would be done, without doing it.")
 @click.option(
     "--exit-zero",
     is_flag=True,
     help="End with 0 also where units are rejected, inconclusive or failed.",
 )
 @override_option
+@report_option
 @json_option
 @click.pass_context
 def batch(
@@ -66,12 +75,13 @@ def batch(
     watch: bool,
     exit_zero: bool,
     overrides: tuple[str, ...],
+    fields: tuple[str, ...],
     as_json: bool,
     **options: Any,
 ) -> int:
     """Run RECIPE on every file below DIR, each with its own verdict.
 
-    A batch that was stopped or killed goes on where it was when it is started again. Exit codes, the
+    Start a batch that was stopped or killed again: it goes on where it was. Exit codes, the
     worst counts: 5 internal error, 6 files that failed or folders that cannot be read, 1 rejected,
     3 inconclusive, 0 all accepted; 130 interrupted.
     """
@@ -83,7 +93,7 @@ def batch(
         raise click.UsageError("--every needs --watch")
     seconds = (5.0 if every is None else every) if watch else None
     quiet = bool((context.obj or {}).get("quiet"))
-    loaded = Recipe.load(recipe, overrides=overrides)
+    loaded = Recipe.load(recipe, overrides=overrides, report=fields)
     require_limits(loaded)
     with _progress(quiet=quiet) as tell:
         report = run_batch(loaded, folder, watch=seconds, tell=tell, **options)
@@ -99,6 +109,7 @@ def batch(
     say(report.summary())
     if report.out is not None:
         say(f"index    {report.out / 'index.json'}")
+        say_next("report", report.out, "--format", "xlsx", "-o", "reports")
     return code
 
 

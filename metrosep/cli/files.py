@@ -30,7 +30,7 @@ def info(
     reading: dict[str, Any],
     as_json: bool,
 ) -> int:
-    """Say what is in FILE: format, shape, steps, heights, gaps, hash."""
+    """Describe FILE: format, shape, steps, heights, gaps, hash."""
     from metrosep.cli.errors import exit_code_of, report_error
     from metrosep.core.errors import MetrosepError
     from metrosep.io.check import describe
@@ -151,7 +151,7 @@ def _column_text(column: Any) -> str:
 @click.command()
 @click.argument("source", metavar="SRC")
 @click.argument("target", metavar="DST")
-@click.option("--format", "target_format", help="Format of DST; follows from its suffix.")
+@click.option("--format", "target_format", help="Format of DST. Default: that of its suffix.")
 @file_options
 @click.option("--force", is_flag=True, help="Replace DST if it exists.")
 def convert(

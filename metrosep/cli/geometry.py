@@ -38,13 +38,13 @@ _COLUMNS = ("x", "y", "z", "angle", "radius", "height", "section", "element")
 def _columns(command: Any) -> Any:
     """Add the options that name columns and say how a file is written."""
     texts = {
-        "x": "Coordinate, x_mm.", "y": "Coordinate.", "z": "Coordinate, or height of a profile.",
-        "angle": "Of a trace: angle_deg.", "radius": "Of a trace: radius, or deviation from one.",
-        "height": "Of a trace: where it lies along z.", "section": "Names the section of a point.",
-        "element": "Names the element (A, B) of a point.",
+        "x": "of x, x_mm", "y": "of y", "z": "of z, or of the heights of a profile",
+        "angle": "of the angle of a trace, angle_deg", "radius": "of the radius of a trace, or of its deviation",
+        "height": "of the height of a trace along z", "section": "that names the section of a point",
+        "element": "that names the element (A, B) of a point",
     }  # fmt: skip
     made = [
-        click.option(f"--{n}", metavar="COLUMN", help=f"Column: {t}") for n, t in texts.items()
+        click.option(f"--{n}", metavar="COLUMN", help=f"Column {t}.") for n, t in texts.items()
     ]
     made += [click.option(f"--{n.replace('_', '-')}", help=t) for n, t in TEXT_OPTIONS.items()]
     made += [
@@ -53,7 +53,7 @@ def _columns(command: Any) -> Any:
         ),
         click.option("--lateral-step", help='Maps and profiles: overrides the file, "1.1 um".'),
         click.option("--channel", help="Channel of a file that holds several."),
-        click.option("--as", "format", metavar="FORMAT", help="Read it as this format."),
+        click.option("--as", "format", metavar="FORMAT", help="Read the file as this format."),
     ]
     return functools.reduce(lambda c, o: o(c), reversed(made), command)
 
@@ -70,7 +70,7 @@ def _columns(command: Any) -> Any:
 )
 @_columns
 @click.option("--upper", multiple=True, metavar="[SYMBOL=]VALUE", help='Limit, "5 um".')
-@click.option("--lower", multiple=True, metavar="[SYMBOL=]VALUE", help="Limit from below.")
+@click.option("--lower", multiple=True, metavar="[SYMBOL=]VALUE", help="Lower limit.")
 @click.option(
     "--U",
     "expanded",
@@ -78,7 +78,9 @@ def _columns(command: Any) -> Any:
     metavar="[SYMBOL=]VALUE",
     help='Expanded U, "0.4 um"; of a step height also "from fit".',
 )
-@click.option("--guard-factor", default=1.0, show_default=True, help="Guard band over U.")
+@click.option(
+    "--guard-factor", default=1.0, show_default=True, help="Guard band as a multiple of U."
+)
 @click.option("-o", "--out", metavar="DIR", help="Folder for the report and result.json.")
 @force_option
 @click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")

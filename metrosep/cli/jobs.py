@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,9 @@ from metrosep.cli.options import (
     optional_read_options,
     override_option,
     report_option,
+    require_place,
     say,
+    say_next,
     table_options,
 )
 from metrosep.core.errors import ReadError
@@ -124,9 +126,9 @@ def run(
     "--table",
     "table_",
     multiple=True,
-    metavar="FORMAT=FILE,...",
-    help='Write a table: linuxcnc=x.comp; NAME=VALUE behind it is for this one: csv=x.csv,spacing="2 '
-    'mm". May be repeated.',
+    metavar="FORMAT=FILE;...",
+    help='Write a table: linuxcnc=x.comp; options of this table follow: "linuxcnc=x.comp; spacing=0.5 mm; '
+    'compensates=Z". May be repeated.',
 )
 @table_options
 @click.option("--poly", metavar="DEGREE", help="Fit a polynomial: 2, or auto.")
@@ -183,11 +185,13 @@ def separate(
             print_recipe=print_recipe,
             as_json=as_json,
         )
-    require_columns(options)
+    require_columns(options, runs)
     for name in (*of_table().values(), "cross_axis", "machine"):
         if not table_ and name not in ("axis", "spacing") and options.get(name):
             raise click.UsageError(f"--{name.replace('_', '-')} shapes a table: add --table")
     tables = named_tables(table_, options, inside=out is not None)
+    for made in tables if out is None and not print_recipe else ():
+        require_place(made["target"], folder=False)
     text = recipe_text(options, tables=tables, report=out is not None)
     if print_recipe:
         click.echo(text, nl=False)
@@ -204,7 +208,22 @@ def separate(
         recipe, runs, out=out, progress=progress(context), overwrite=force, beside=beside
     )
     _print_of(recipe, result, as_json=as_json)
+    _say_next(out, tables, options)
     return 0
+
+
+def _say_next(
+    out: str | None,
+    tables: Sequence[Mapping[str, Any]],
+    options: Mapping[str, Any],
+) -> None:
+    """Print what one would do next: a table after a result, a check of the table after a table."""
+    columns = [w for n in ("x", "z", "run") if options.get(n) for w in (f"--{n}", options[n])]
+    if tables:
+        made = Path(out or "") / tables[0]["path"] if out else tables[0]["target"]
+        say_next("verify", made, "--against", "NEW.csv", *columns)
+    elif out is not None:
+        say_next("table", out, "--compensates", "AXIS", "-o", "x.comp")
 
 
 def _as_flexure(context: click.Context, options: dict[str, Any]) -> None:

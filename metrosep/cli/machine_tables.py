@@ -58,7 +58,7 @@ def _where(command: F) -> F:
             "places",
             multiple=True,
             metavar="AXIS=PLACE",
-            help='Where another axis stands: "Z=0 mm".',
+            help='Position of another axis: "Z=0 mm".',
         ),
     ):
         command = option(command)

@@ -47,15 +47,13 @@ _OWN_FILES = ("result.json", "calibration.json", "thermal.json", "constants.toml
     "homes",
     multiple=True,
     metavar="AXIS=PLACE",
-    help='Where errors of an axis are zero, "X=0 mm".',
+    help='Position where the errors of an axis are zero, "X=0 mm".',
 )
-@click.option(
-    "--all-readings", is_flag=True, help="Refuse no reading that contradicts the others."
-)
+@click.option("--all-readings", is_flag=True, help="Keep readings that contradict the others.")
 @click.option(
     "--smallest",
     is_flag=True,
-    help="Write terms that are not determined too: the smallest that explain the readings.",
+    help="Write undetermined terms too: the smallest that explain the readings.",
 )
 @machine_options
 @click.option(
@@ -80,7 +78,7 @@ def calibrate(
 
     MACHINE is a preset or a TOML file, as for 'rank'. A SET is text: its set-up in comment lines
     (# instrument = "nest"), then the positions of the axes (X_mm, A_deg) and the readings (reading_um,
-    reading_x_um ...) in the order of time. What the readings cannot tell apart is named. With -o the
+    reading_x_um ...) in the order of time. Terms that the readings cannot distinguish are named. With -o the
     terms are written as 'machine-tables' takes them.
     """
     lines = ["metrosep = 1", "", "[input]", f"files = {list_of(sets)}", "", "[[step]]"]
@@ -164,8 +162,12 @@ def read(
     "--feed", required=True, metavar="SPEED", help='Feedrate along the circle, "1000 mm/min".'
 )
 @click.option("--angle", metavar="COLUMN", help="Column of the angle of the place.")
-@click.option("--ccw", metavar="COLUMN", help="Deviation of the radius, angle rising.")
-@click.option("--cw", metavar="COLUMN", help="The same, angle falling.")
+@click.option(
+    "--ccw", metavar="COLUMN", help="Column of the deviation of the radius, angle rising."
+)
+@click.option(
+    "--cw", metavar="COLUMN", help="Column of the deviation of the radius, angle falling."
+)
 @click.option(
     "--x",
     metavar="COLUMN",
@@ -203,12 +205,12 @@ def circle(
     as_json: bool,
     **options: Any,
 ) -> int:
-    """Evaluate a circular test (ballbar) after ISO 230-4: G, F, D, and what causes them.
+    """Evaluate a circular test (ballbar) after ISO 230-4: G, F, D, and their causes.
 
     FILE holds a column with the angle of the place and one or two with the deviation of the radius,
     such as angle_deg,ccw_um,cw_um; or a log of positions x_mm,y_mm with the reading of a bar, or alone.
     Columns are found by their names where no option names them; "2:mm" is the second of a log without
-    header (LinuxCNC's halsampler). Both senses are needed to tell squareness from servo mismatch.
+    header (LinuxCNC's halsampler). Both senses are needed to distinguish squareness from servo mismatch.
     """
     lines = ["metrosep = 1", "", "[input]", f"files = {list_of(files)}"]
     columns = ("angle", "ccw", "cw", "x", "y", "reading", "length")
@@ -254,7 +256,10 @@ def circle(
 )
 @click.option("--lags", metavar="TIME,...", help='Time constants to try: "10 min,1 h".')
 @click.option(
-    "--blocks", type=int, metavar="N", help="Blocks of time, each foretold from the others."
+    "--blocks",
+    type=int,
+    metavar="N",
+    help="Number of blocks of time; each is predicted from the others.",
 )
 @click.option("--most", type=int, metavar="N", help="Largest number of sensors of a reading.")
 @click.option(
@@ -296,7 +301,7 @@ def thermal(
     """Errors of a machine as functions of temperatures, from a record of both (ISO 230-3).
 
     FILE holds time, temperatures and readings of a nest or of probes. Which sensors matter, and how far
-    the machine lags behind them, is decided by foretelling blocks of time from the others. With --at the
+    the machine lags behind them, is decided by predicting blocks of time from the others. With --at the
     errors at stated temperatures are written as 'machine-tables' and 'read' take them. A FILE that is
     the thermal.json of an earlier call is used as it is, with --at or --history.
     """

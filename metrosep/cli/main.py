@@ -51,6 +51,9 @@ class _Commands(click.Group):
             return None
         module = importlib.import_module(f"metrosep.cli.{_HOMES[cmd_name]}")
         command: click.Command = getattr(module, cmd_name.replace("-", "_"))
+        for option in command.params:  # the place of the output is checked before anything is read
+            if option.name == "out" and option.callback is None:
+                option.callback = _require_place
         return command
 
     def resolve_command(
@@ -71,6 +74,14 @@ class _Commands(click.Group):
                 formatter.write_dl([(n, _first_sentence(n)) for n in homes], col_max=18)
         with formatter.section("Examples"):
             formatter.write_text("\b\n" + "\n".join(_EXAMPLES))
+
+
+def _require_place(_: click.Context, option: click.Parameter, value: Any) -> Any:
+    from metrosep.cli.options import require_place
+
+    if value is not None:
+        require_place(value, folder=option.metavar != "FILE")
+    return value
 
 
 _EXAMPLES = (
@@ -159,7 +170,7 @@ def _source(module: str) -> str:
 
 
 class _Heartbeat:
-    """Says on standard error what a long command is at: from 2 s on a terminal, else every 10 s."""
+    """Says on standard error what a long command is at: from 0.5 s on a terminal, else every 10 s."""
 
     _SILENT = ("ui", "batch", "completion")  # they have words of their own
 
@@ -188,7 +199,7 @@ class _Heartbeat:
         import time
 
         began, shown = time.monotonic(), False
-        pause = 2.0 if self._on_terminal else 10.0
+        pause = 0.5 if self._on_terminal else 10.0
         while not self._done.wait(pause):
             phase = self._told.get("phase") or self._name
             text = f"metrosep: {phase}, {time.monotonic() - began:.0f} s"

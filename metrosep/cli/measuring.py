@@ -16,7 +16,9 @@ from metrosep.cli.options import (
     json_option,
     name_values,
     read_aloud,
+    report_option,
     say,
+    say_next,
 )
 from metrosep.cli.shortcut import input_lines, option_error, quoted
 from metrosep.core.limits import RULES
@@ -84,29 +86,39 @@ def flat_values(quantities: Any) -> dict[str, float | None]:
     metavar="FORM",
     help='Removed first: plane, sphere, "conic: R=50 mm", "polynomial: degree=5" ...',
 )
-@click.option("--lambda-s", metavar="LENGTH", help="S-filter: shorter waves go (Gaussian).")
-@click.option("--lambda-c", metavar="LENGTH", help="L-filter: longer waves go (Gaussian).")
+@click.option("--lambda-s", metavar="LENGTH", help="S-filter: remove shorter waves (Gaussian).")
+@click.option("--lambda-c", metavar="LENGTH", help="L-filter: remove longer waves (Gaussian).")
 @click.option(
     "--end",
     type=click.Choice(["moment", "renormalise", "cut", "closed"]),
     default="moment",
     show_default=True,
-    help="What the filters do at the ends.",
+    help="Rule of the filters at the ends of the data.",
 )
 @click.option(
     "--core-filter",
     type=click.Choice(["gaussian", "13565-1", "robust"]),
-    help="How --lambda-c makes roughness: the last two stay on a plateau with valleys (Rk).",
+    help="Filter behind --lambda-c; the last two follow a plateau with deep valleys (Rk).",
 )
-@click.option("--kind", type=click.Choice(["P", "W", "R"]), help="Which profile it is then.")
+@click.option(
+    "--kind", type=click.Choice(["P", "W", "R"]), help="Kind of the profile after the filters."
+)
 @click.option("--edition", help='"ISO 21920-2:2021" (default), "ISO 4287:1997" or "ASME B46.1".')
 @click.option(
     "--sections",
     type=click.IntRange(min=1),
-    help="Section lengths; as many cut-offs as fit, else 5.",
+    help="Number of section lengths. Default: as many cut-offs as fit, or 5.",
 )
-@click.option("--centre", is_flag=True, help="Subtract the mean again (instruments do not).")
-@click.option("--line", type=click.Choice(["lsq", "secant"]), default="lsq", show_default=True)
+@click.option(
+    "--centre", is_flag=True, help="Subtract the mean after filtering; instruments do not."
+)
+@click.option(
+    "--line",
+    type=click.Choice(["lsq", "secant"]),
+    default="lsq",
+    show_default=True,
+    help="Core line of the Rk family.",
+)
 @click.option(
     "--params", metavar="SYMBOLS", help="Parameters, Sa,Sq,PV; all that apply if omitted."
 )
@@ -118,9 +130,17 @@ def flat_values(quantities: Any) -> dict[str, float | None]:
     help="Reference of straightness (STRt), flatness (FLTt), roundness (RONt).",
 )
 @click.option("--upper", multiple=True, metavar="SYMBOL=VALUE", help='Limit, "Sq=5 nm".')
-@click.option("--lower", multiple=True, metavar="SYMBOL=VALUE", help="Limit from below.")
-@click.option("--U", "expanded", multiple=True, metavar="SYMBOL=VALUE", help="Expanded U.")
-@click.option("--guard-factor", default=1.0, show_default=True, help="Guard band over U.")
+@click.option("--lower", multiple=True, metavar="SYMBOL=VALUE", help="Lower limit.")
+@click.option(
+    "--U",
+    "expanded",
+    multiple=True,
+    metavar="SYMBOL=VALUE",
+    help='Expanded uncertainty of a value, "Sq=0.3 nm".',
+)
+@click.option(
+    "--guard-factor", default=1.0, show_default=True, help="Guard band as a multiple of U."
+)
 @click.option(
     "--rule",
     type=click.Choice(RULES),
@@ -131,6 +151,7 @@ def flat_values(quantities: Any) -> dict[str, float | None]:
     "-o", "--out", metavar="DIR", help="Folder for the report and result.json of one FILE."
 )
 @click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")
+@report_option
 @file_options
 @json_option
 def measure(
@@ -155,13 +176,14 @@ def measure(
     sequential: bool,
     out: str | None,
     print_recipe: bool,
+    fields: tuple[str, ...],
     reading: dict[str, Any],
     as_json: bool,
 ) -> int:
     """Remove the form, filter, and give the parameters of FILE, with a verdict where limits are set.
 
-    The exit code is the worst of all files: 4 unreadable or 2 not to be measured so, 1 rejected,
-    3 inconclusive, 0 accepted or no limit.
+    The exit code is the worst of all files: 4 a file that cannot be read, 2 options that do not fit it,
+    1 rejected, 3 inconclusive, 0 accepted or no limit.
     """
     from metrosep.cli.errors import exit_code_of, report_error, verdict_code
     from metrosep.core.errors import MetrosepError
@@ -178,9 +200,15 @@ def measure(
         raise click.UsageError(f"--U is given for {', '.join(idle)}, which has no limit")
     if (rule or sequential) and not {**options["lower"], **options["upper"]}:
         raise click.UsageError("--rule judges values by a limit: give --upper or --lower")
+    if fields and out is None:
+        raise click.UsageError(
+            "--report states a field of the report: add -o DIR, where it is written"
+        )
     if print_recipe or out is not None:
         _require_recipe_of_one(files, reading)
-    recipe = _recipe(files[0] if print_recipe or out is not None else None, options, reading)
+    recipe = _recipe(
+        files[0] if print_recipe or out is not None else None, options, reading, report=fields
+    )
     if print_recipe:
         click.echo(recipe.text, nl=False)
         return 0
@@ -207,6 +235,7 @@ def measure(
     if out is not None:
         for path in recipe.run([files[0]], out=out).files:
             say(f"{'report' if path.suffix == '.html' else 'result':8} {path}")
+        say_next("report", out, "--format", "pdf", "-o", "reports")
     return next((c for c in _WORST_FIRST if c in codes), 0)
 
 
@@ -219,7 +248,13 @@ def _require_recipe_of_one(files: Sequence[str], reading: Mapping[str, Any]) -> 
         raise click.UsageError(f"--set {stray[0]} has no key in a recipe that measures")
 
 
-def _recipe(file: str | None, options: Mapping[str, Any], reading: Mapping[str, Any]) -> Recipe:
+def _recipe(
+    file: str | None,
+    options: Mapping[str, Any],
+    reading: Mapping[str, Any],
+    *,
+    report: Sequence[str] = (),
+) -> Recipe:
     """Return the recipe of a call, checked."""
     from metrosep.core.errors import RecipeError
     from metrosep.recipe.preflight import require_limits
@@ -227,7 +262,7 @@ def _recipe(file: str | None, options: Mapping[str, Any], reading: Mapping[str, 
 
     text = _recipe_text(file, options, reading)
     try:
-        recipe = Recipe.parse(text, name=_CALL)
+        recipe = Recipe.parse(text, name=_CALL, report=report)
         require_limits(recipe)
     except RecipeError as error:
         raise _as_typed(error, text) from None
@@ -418,10 +453,20 @@ def _print_measured(name: str, found: Mapping[str, Any]) -> None:
     metavar="FORM",
     help='Form: sphere, "conic: R=50 mm", "zernike: terms=36, order=fringe".',
 )
-@click.option("--free", metavar="NAMES", help="What may move: piston,tilt_x,tilt_y,shift_x,R ...")
-@click.option("--fix", multiple=True, metavar="NAME=VALUE", help='Held: "R=50 mm".')
-@click.option("--start", multiple=True, metavar="NAME=VALUE", help="Where to begin.")
-@click.option("--robust", type=click.Choice(["tukey", "huber"]), help="Weigh outliers down.")
+@click.option(
+    "--free",
+    metavar="NAMES",
+    help="Parameters that are fitted: piston,tilt_x,tilt_y,shift_x,R ...",
+)
+@click.option(
+    "--fix", multiple=True, metavar="NAME=VALUE", help='Parameter that is held, "R=50 mm".'
+)
+@click.option(
+    "--start", multiple=True, metavar="NAME=VALUE", help='Start value of a parameter, "R=50 mm".'
+)
+@click.option(
+    "--robust", type=click.Choice(["tukey", "huber"]), help="Reduce the weight of outliers."
+)
 @click.option(
     "--tilt", type=click.Choice(["plane", "rotation"]), default="plane", show_default=True
 )
@@ -582,12 +627,18 @@ _CODES = {"verified": 0, "differs": 1, "not verified": 3}
     type=click.Choice(["P", "W", "R"]),
     default="P",
     show_default=True,
-    help="What the profile in the file is; R: it is filtered already.",
+    help="Kind of the profile in the file; R: it is filtered already.",
 )
 @click.option("--edition", default="ISO 4287:1997", show_default=True)
 @click.option("--sections", type=int, help="Sampling lengths; as many as fit if omitted.")
-@click.option("--centre", is_flag=True, help="Subtract the means again.")
-@click.option("--line", type=click.Choice(["lsq", "secant"]), default="lsq", show_default=True)
+@click.option("--centre", is_flag=True, help="Subtract the mean of each section.")
+@click.option(
+    "--line",
+    type=click.Choice(["lsq", "secant"]),
+    default="lsq",
+    show_default=True,
+    help="Core line of the Rk family.",
+)
 @click.option(
     "--expect",
     multiple=True,
@@ -595,7 +646,10 @@ _CODES = {"verified": 0, "differs": 1, "not verified": 3}
     help='Published value, "Sa=0.4213 um": of a map (SDF), or in place of those of the file.',
 )
 @click.option(
-    "--relative-tolerance", default=0.0, show_default=True, help="Added, share of the value."
+    "--relative-tolerance",
+    default=0.0,
+    show_default=True,
+    help="Tolerance beside the digits of the gauge, as a share of the value.",
 )
 @file_options
 @json_option

@@ -30,18 +30,28 @@ __all__ = ["air", "identified", "predict", "rank"]
     metavar="TERM=VALUE",
     help='"EXX=1 um", "EAC=0.2 arcsec", "EZX=wave 8 mm 1 um", "EZC=2 upr 50 nm", "EXX=table x.csv".',
 )
-@click.option("--all-lengths", metavar="LENGTH", help="Every other term that is a length.")
-@click.option("--all-angles", metavar="ANGLE", help="Every other term that is an angle.")
+@click.option(
+    "--all-lengths", metavar="LENGTH", help='Error of every other term that is a length, "1 um".'
+)
+@click.option(
+    "--all-angles",
+    metavar="ANGLE",
+    help='Error of every other term that is an angle, "0.2 arcsec".',
+)
 @click.option(
     "--removed",
     metavar="FREEDOMS",
     help="none, piston, plane (default), plane+defocus, rigid, mounting, zernike 11, or names.",
 )
-@click.option("--response", type=click.Choice(["form", "wavefront"]), help="What is ranked.")
+@click.option(
+    "--response",
+    type=click.Choice(["form", "wavefront"]),
+    help="Deviation that is ranked: of the form, or of the wavefront.",
+)
 @click.option(
     "--mode",
     type=click.Choice(["reflect", "refract"]),
-    help="How the surface makes the wavefront.",
+    help="Whether the surface reflects or refracts the light.",
 )
 @click.option("--n", type=float, metavar="INDEX", help="Refractive index of the material.")
 @click.option(
@@ -88,9 +98,19 @@ def _stated(command: Callable[..., int]) -> Callable[..., int]:
             name,
             type=kind,
             metavar=None if known.choices else metavar,
-            help=known.help,
+            help=_sentence(name, str(known.help)),
         )(command)
     return command
+
+
+def _sentence(name: str, text: str) -> str:
+    """Return the help of a key as a sentence that stands alone."""
+    noun = name.replace("_", " ")
+    if text.startswith(("of ", "from ", "between ")):
+        text = f"{noun} {text}"
+    elif text.startswith(("as ", "in place ")):
+        text = f"{noun}, {text}"
+    return f"{text[0].upper()}{text[1:]}."
 
 
 @click.command()
@@ -102,10 +122,10 @@ def _stated(command: Callable[..., int]) -> Callable[..., int]:
 def air(
     context: click.Context, /, out: str | None, print_recipe: bool, as_json: bool, **given: Any
 ) -> int:
-    """Refractive index of air, and what it and the set-up do to a reading of a laser.
+    """Compute the refractive index of air, and the corrections of a laser reading.
 
-    --temperature, --pressure and --humidity (or --dew-point, --vapour-pressure) state the air; with
-    --reading the corrections of that reading are printed, to be added to it, with their uncertainty.
+    --temperature, --pressure and --humidity (or --dew-point, --vapour-pressure) state the air. With
+    --reading, the corrections to add to that reading are printed, each with its uncertainty.
     """
     lines = ["metrosep = 1", "", "[[step]]", 'op = "air"']
     for key, value in given.items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -29,8 +29,9 @@ _OF_RUNS = (
 )  # fmt: skip
 
 
-def require_columns(options: Mapping[str, Any]) -> None:
+def require_columns(options: Mapping[str, Any], files: Sequence[str]) -> None:
     """Refuse a call for repeated runs without their columns."""
+    from metrosep.cli.options import missing_options
     from metrosep.core.methods import METHODS
 
     known = ["joint", "kono", "mean", *METHODS]
@@ -41,9 +42,6 @@ def require_columns(options: Mapping[str, Any]) -> None:
             f"--method {options['method']!r} is not one of joint, kono, mean, or the named "
             f"separations that 'metrosep ops' lists.{hint}"
         )
-    for name in ("x", "z"):
-        if options.get(name) is None:
-            raise click.UsageError(f"Missing option '--{name}'.")
     for name in ("readings", "angle", "repeat"):
         if options.get(name):
             raise click.UsageError(
@@ -54,6 +52,9 @@ def require_columns(options: Mapping[str, Any]) -> None:
         raise click.UsageError(
             "--column belongs to a named separation; runs have --x, --z and --run"
         )
+    missing = [name for name in ("x", "z") if options.get(name) is None]
+    if missing:
+        raise missing_options(missing, files[0])
 
 
 def named_recipe(name: str, options: Mapping[str, Any], *, report: bool) -> str:

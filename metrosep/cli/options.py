@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+import os
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -22,13 +25,16 @@ __all__ = [
     "force_option",
     "json_option",
     "machine_options",
+    "missing_options",
     "name_values",
     "named_options",
     "optional_read_options",
     "override_option",
     "read_aloud",
     "report_option",
+    "require_place",
     "say",
+    "say_next",
     "table_options",
     "with_expansion",
 ]
@@ -123,7 +129,7 @@ def file_options(command: Callable[..., int]) -> Callable[..., int]:
         click.option("--unit", help="Unit of the heights where the file declares none."),
         click.option("--lateral-step", help='Overrides the lateral step of the file, "1.1 um".'),
         click.option("--channel", help="Channel of a file that holds several."),
-        click.option("--as", "format", metavar="FORMAT", help="Read it as this format."),
+        click.option("--as", "format", metavar="FORMAT", help="Read the file as this format."),
         click.option(
             "--set",
             "settings",
@@ -319,6 +325,46 @@ def read_aloud(file: str, reading: Mapping[str, Any]) -> Any:
     for warning in getattr(obj, "metadata", {}).get("warnings") or ():
         say(f"warning: {file}: {as_options(warning.removeprefix(f'{file}: '), names)}")
     return obj
+
+
+def require_place(out: str, *, folder: bool) -> None:
+    """Refuse a folder or file that cannot be written, before anything is read."""
+    from metrosep.core.errors import WriteError
+
+    target = Path(out)
+    place = target if folder else target.parent
+    if not folder and not place.is_dir():
+        raise WriteError(
+            f"{out}: the folder {place} does not exist; create it first or choose another"
+        )
+    there = place
+    while not there.exists() and there != there.parent:
+        there = there.parent
+    if not there.is_dir():
+        raise WriteError(f"{out}: {there} is a file, not a folder; choose another with -o")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise WriteError(f"{out}: you may not write in {there}; choose another with -o")
+
+
+def missing_options(missing: Sequence[str], file: str) -> click.UsageError:
+    """Return the error of options that are missing, all at once, with the columns of the file."""
+    from metrosep.core.errors import MetrosepError
+    from metrosep.io.check import describe
+
+    names = " and ".join(f"'--{name}'" for name in missing)
+    try:
+        found = describe(file)["metadata"].get("columns") or ()
+        columns = ", ".join(str(c.get("name") if isinstance(c, dict) else c) for c in found)
+    except (MetrosepError, OSError):  # the file itself is refused when it is read
+        columns = ""
+    has = f"; {Path(file).name} has {columns}" if columns else ""
+    return click.UsageError(f"Missing option{'s' if len(missing) > 1 else ''} {names}{has}.")
+
+
+def say_next(command: str, *words: object) -> None:
+    """Print the command that one would type next, as the last line."""
+    typed = " ".join(w if re.fullmatch(r"[\w.,=:/*+-]+", w) else f'"{w}"' for w in map(str, words))
+    say(f"next: metrosep {command} {typed}")
 
 
 def say(message: str) -> None:

@@ -68,10 +68,20 @@ __all__ = ["path"]
 @click.option("--c-zero", metavar="ANGLE", help='Polar angle of the map at C = 0: "90 deg".')
 @click.option("--tolerance", metavar="LENGTH", help='Split blocks: "2 nm" from the chord at most.')
 @click.option("--resolution", metavar="LENGTH", help='Finest step that is written: "0.1 nm".')
-@click.option("--decimals", type=int, metavar="N", help="Digits after the point instead.")
-@click.option("--path-unit", type=click.Choice(["mm", "inch"]), help="Without G20 or G21.")
 @click.option(
-    "--diameter/--radius", "diameter", default=None, help="What X words are, without G7 or G8."
+    "--decimals",
+    type=int,
+    metavar="N",
+    help="Number of digits after the point, in place of --resolution.",
+)
+@click.option(
+    "--path-unit", type=click.Choice(["mm", "inch"]), help="Unit of a program without G20 or G21."
+)
+@click.option(
+    "--diameter/--radius",
+    "diameter",
+    default=None,
+    help="Meaning of X words in a program without G7 or G8.",
 )
 @click.option(
     "--c-rollover/--c-linear",
@@ -94,9 +104,16 @@ __all__ = ["path"]
     help="G codes of the control: A, B or C of lathes, or a mill; what G90, G92, G94 mean.",
 )
 @click.option("--again", is_flag=True, help="IN holds a correction already: add this one to it.")
-@click.option("--outside", type=click.Choice(["refuse", "zero", "hold"]), help="Beyond the map.")
+@click.option(
+    "--outside", type=click.Choice(["refuse", "zero", "hold"]), help="Correction beyond the map."
+)
 @click.option("--stroke", metavar="LENGTH", help='Largest correction: "100 um" if omitted.')
-@click.option("--blocks-per-s", type=float, metavar="N", help="Most blocks per second.")
+@click.option(
+    "--blocks-per-s",
+    type=float,
+    metavar="N",
+    help="Largest number of blocks per second of the control.",
+)
 @click.option("--points", is_flag=True, help="IN is a list of points (CSV, PVT), not G-code.")
 @click.option(
     "--column",

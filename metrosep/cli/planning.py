@@ -34,14 +34,16 @@ _DIMENSIONS = {
 )
 @click.option("--length", metavar="LENGTH", help="Travel of a run; as measured if omitted.")
 @click.option(
-    "--settle-distance", metavar="LENGTH", help="Part of it that is lost while settling."
+    "--settle-distance",
+    metavar="LENGTH",
+    help="Part of the travel that is lost while the axis settles.",
 )
 @click.option("--max-time", metavar="TIME", help="Longest travel time of all runs together.")
 @click.option(
     "--min-ratio",
     type=float,
     metavar="RATIO",
-    help="Two feedrates are equal or this ratio apart; 1.1 if omitted.",
+    help="Smallest ratio of two different feedrates. Default: 1.1.",
 )
 @json_option
 @click.pass_context

@@ -38,7 +38,9 @@ _MANY = 8
 )
 @click.option("-o", "--out", required=True, metavar="DIR", help="Folder for the reports.")
 @report_option
-@click.option("--template", metavar="FILE", help="Look of the house: a TOML file.")
+@click.option(
+    "--template", metavar="FILE", help="TOML file with logo, colours and fonts of the laboratory."
+)
 @click.option(
     "--issue",
     is_flag=True,
@@ -68,7 +70,7 @@ _MANY = 8
     "--workers",
     type=click.IntRange(min=1),
     metavar="N",
-    help="How many at once; if omitted, one for few results, processors for many.",
+    help="Number of reports at once. Default: one for few results, one for each processor for many.",
 )
 @click.pass_context
 def report(

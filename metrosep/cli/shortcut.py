@@ -66,15 +66,18 @@ _OF_TABLE = {
 def named_tables(
     texts: Iterable[str], options: Mapping[str, Any], *, inside: bool
 ) -> list[dict[str, Any]]:
-    """Return the options of each ``--table FORMAT=FILE,NAME=VALUE,...``: its own, then those of the call."""
+    """Return the options of each ``--table "FORMAT=FILE; NAME=VALUE; ..."``: its own, then those of the call.
+
+    A comma before the next NAME= separates, too.
+    """
     found: list[dict[str, Any]] = []
     for text in texts:
-        first, *own = re.split(r",(?=\s*[A-Za-z][\w.-]*\s*=)", text)
+        first, *own = re.split(r"[,;](?=\s*[A-Za-z][\w.-]*\s*=)", text)
         controller, _, path = (part.strip() for part in first.partition("="))
         if not controller or not path:
             raise click.UsageError(
-                f"--table is written FORMAT=FILE or FORMAT=FILE,NAME=VALUE,..., found {text!r}: such as "
-                'linuxcnc=x.comp,spacing="2 mm"'
+                f'--table is written FORMAT=FILE or "FORMAT=FILE; NAME=VALUE; ...", found {text!r}: such as '
+                '"linuxcnc=x.comp; spacing=2 mm"'
             )
         made = _with_own(f"--table {controller}={path}", controller, own, options)
         name = Path(path).name

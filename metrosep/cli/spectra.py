@@ -23,9 +23,14 @@ __all__ = ["psd"]
     help='"A = 0.02 um^3, B = 2 from 0.1 mm to 5 mm" (PSD = A / f^B, f in 1/um; "nm^2 mm": f in '
     '1/mm), or "rms = 5 nm from 0.1 mm to 5 mm".',
 )
-@click.option("--form", "form_text", default="plane", show_default=True, help="Removed first.")
 @click.option(
-    "--max-filled", default=0.1, show_default=True, help="Largest share of holes that is closed."
+    "--form", "form_text", default="plane", show_default=True, help="Form to remove first."
+)
+@click.option(
+    "--max-filled",
+    default=0.1,
+    show_default=True,
+    help="Largest share of holes that may be filled.",
 )
 @click.option("-o", "--out", metavar="DIR", help="Folder for the report and result.json.")
 @file_options

@@ -21,6 +21,7 @@ from metrosep.cli.options import (
     optional_read_options,
     read_aloud,
     say,
+    say_next,
     table_options,
     with_expansion,
 )
@@ -79,7 +80,7 @@ def table(
     SOURCE is a result.json of 'separate' or 'run' (or its folder) for tables over one axis and
     polynomials; a list of a positioning test (laser, ISO 230-2) for the pitch error of an axis; runs,
     which are separated first (--x, --z); or the measured map of an error for controllers that hold
-    maps. 'metrosep controllers NAME' tells what a controller needs (--machine NAME=VALUE).
+    maps. 'metrosep controllers NAME' lists what a controller needs (--machine NAME=VALUE).
 
     Exit code 1: it makes the error larger, removes less than 30 % of it, exceeds a limit, or its sign
     is not confirmed. 3: the readings do not show whether it helps. Nothing is written then.
@@ -119,6 +120,8 @@ def table(
         click.echo(json.dumps(sidecar, sort_keys=True, allow_nan=False))
     for file in (out, str(sidecar_path(Path(out)))):
         say(f"wrote {file}")
+    if options["trial"] is None:
+        say_next("verify", out, "--against", "MAP" if info.carries == "map" else "NEW.csv")
     return 0
 
 
@@ -132,7 +135,7 @@ def _separated(
     from metrosep.recipe.recipe import Recipe
 
     given = {k: options.get(k) for k in RUN_INPUT} | {"method": options["method"] or "joint"}
-    require_columns({**given, "readings": options.get("readings")})
+    require_columns({**given, "readings": options.get("readings")}, files)
     refuse_list_options({**options, "direction": None})
     for name in reading:
         raise click.UsageError(
@@ -377,14 +380,17 @@ def _write(
 )
 @click.option("--format", "format_", metavar="NAME", help="Controller; from the sidecar if there.")
 @click.option(
-    "--machine", multiple=True, metavar="NAME=VALUE", help="What file and sidecar do not tell."
+    "--machine",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Setting that neither the file nor its sidecar states.",
 )
 @click.option("--unit", help="Unit of the heights of a map that declares none.")
 @click.option("--lateral-step", help='Lateral step of a map that declares none, "1.1 um".')
 @click.option(
     "--unknown",
     type=click.Choice(["offset", "offsets", "line"]),
-    help="What the runs cannot know: a constant (square or beam known), one for each direction (the "
+    help="What the runs cannot show: a constant (square or beam known), one for each direction (the "
     "sensor was set to zero between them), or constant and line (alignment).",
 )
 @click.option(

@@ -19,10 +19,14 @@ _MISSING = (
 
 @click.command()
 @click.argument("files", nargs=-1, metavar="[FILE]...")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="0: any that is free.")
-@click.option("--no-browser", is_flag=True, help="Only print the address.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port. 0: any free port.")
+@click.option("--no-browser", is_flag=True, help="Print the address, without opening a browser.")
 @click.option(
-    "--folder", "folders", multiple=True, metavar="DIR", help="Another folder that may be used."
+    "--folder",
+    "folders",
+    multiple=True,
+    metavar="DIR",
+    help="Another folder that the page may use.",
 )
 @click.option("--operator", metavar="RECIPE", help="Only measure parts by this recipe.")
 @click.option("--inbox", metavar="DIR", help="With --operator: where measurements arrive.")

@@ -176,7 +176,7 @@ class CompensationMap(Corrections, PublicObject):
         spans = " x ".join(
             format_range(a, low, high) for a, (low, high) in zip(self.axes, self.span, strict=True)
         )
-        plane = "plane kept" if self.removed == "offset" else "the plane is left out (alignment)"
+        plane = "plane kept" if self.removed == "offset" else "the plane is omitted (alignment)"
         own = " (its own positioning)" if self.is_on_axis else ""
         return (
             f"{self.axes[0]}, {self.axes[1]} -> {self.compensates}{own}, {spans}, {self.x.size} x "

@@ -383,7 +383,7 @@ def own_runs(
         n = len(runs) - len(used)
         own = own_runs(carried, used, lookup, folds)
         excluded = (
-            f"{n} of the runs were left out of the separation (exclude=) and are not judged with"
+            f"{n} of the runs were omitted from the separation (exclude=) and are not judged with"
         )
         return replace(own, warning="; ".join(w for w in (excluded, own.warning) if w))
     if folds is None:

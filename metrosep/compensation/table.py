@@ -195,7 +195,7 @@ class CompensationTable(Corrections, PublicObject):
         """What is looked up and what is corrected, in one line."""
         what = "its own positioning" if self.is_on_axis else f"{self.compensates} over {self.axis}"
         low, high = (format_span(self.axis, v, digits=6) for v in self.span)
-        line = "the line is left out (alignment)"
+        line = "the line is omitted (alignment)"
         if self.removed == "offset":
             slope = float(np.polyfit(self.positions - self.positions.mean(), self.forward, 1)[0])
             line = f"slope {AxisUnits.of(self).slope(slope)} kept"

@@ -178,9 +178,9 @@ class Verification(Judged):
             else f"judged on {self.n_runs} run{'s' if self.n_runs > 1 else ''}"
         )
         if self.left_out == self.n_runs > 0:
-            judged += ", each left out once"
+            judged += ", each omitted once"
         elif self.left_out:
-            judged += f", left out in {self.left_out} groups"
+            judged += f", omitted in {self.left_out} groups"
         low, high = (format_span(self.units.looked_up, v, digits=6) for v in self.span)
         return (
             f"{judged}, {low.partition(' ')[0]} ... {high}; off the readings: {_UNKNOWN[self.unknown]}",

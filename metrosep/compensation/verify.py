@@ -536,7 +536,7 @@ def _predicted(
         spread = np.concatenate([sd(stack.x[stack.way == d], int(d)) for d in (1, -1)])
         variance = float((spread**2).mean())
     if math.isfinite(variance) and variance < _PREDICTED * float((stack.applied**2).mean()):
-        return [], ["predicted, not shown: no run was left out, verify against measured runs"]
+        return [], ["predicted, not shown: no run was omitted, verify against measured runs"]
     return [
         Reason(
             "inconclusive",

@@ -515,7 +515,7 @@ def require_same_axes(named: Sequence[str], machine: Sequence[str], path: Path) 
     if [n == named[-1] for n in named[:-1]] != [m == machine[-1] for m in machine[:-1]]:
         raise CorruptFileError(
             path,
-            f"it is said to correct {named[-1]} over {', '.join(named[:-1])}, but its tables correct "
+            f"its sidecar states that it corrects {named[-1]} over {', '.join(named[:-1])}, but its tables correct "
             f"{machine[-1]} over {', '.join(machine[:-1])}",
             hint="write the table again, or use the sidecar that fits",
         )

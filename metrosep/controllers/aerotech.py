@@ -350,7 +350,7 @@ def _require_output(grid: Grid, own: dict[int, str], compensates: str, path: Pat
     if wanted != compensates if wanted is not None else compensates in own.values():
         raise CorruptFileError(
             path,
-            f"it is said to correct {compensates}, but its entries act on axis {grid.output}, which is "
+            f"its sidecar states that it corrects {compensates}, but its entries act on axis {grid.output}, which is "
             f"{'another one' if wanted is None else wanted}",
             hint="write the table again, with the corrected_axis that belongs to it",
         )

@@ -206,7 +206,7 @@ def _read(data: bytes, path: Path) -> dict[str, _Rows]:
         number, line = code[at]
         match = _SECTION.fullmatch(line)
         if match is None:
-            raise CorruptFileError(path, f"line {number} is no [parameter] but {line[:60]!r}")
+            raise CorruptFileError(path, f"line {number} is not a [parameter]: {line[:60]!r}")
         if match[1] in seen:
             raise CorruptFileError(path, f"line {number}: a second [{match[1]}]")
         seen.add(match[1])

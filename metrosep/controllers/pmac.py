@@ -91,7 +91,7 @@ ACTIVATION = (
         "are deleted from low to high motor and defined from high to low, else PMAC answers ERR003"
     ),
     "send the file with a program that strips comments (everything behind a semicolon)",
-    "read the table back: PMAC takes whatever follows DEFINE as entries, and says nothing",
+    "read the table back: PMAC takes whatever follows DEFINE as entries, without a message",
     (
         "move over the travel with small steps and read the correction that is applied (the motor's "
         "compensation register); its sign must be opposite to the measured error"

@@ -532,13 +532,13 @@ class SinumerikEnc(Repeating):
         if fields["axis"] != fields["compensates"]:
             raise CorruptFileError(
                 path,
-                f"it is said to correct {fields['compensates']} over {fields['axis']}, but the table "
+                f"its sidecar states that it corrects {fields['compensates']} over {fields['axis']}, but the table "
                 "corrects an axis over its own position",
                 hint="use the sidecar that fits, or write the table again",
             )
         if is_rotary(fields["axis"]) != turns:
             raise DataError(
-                f"{path}: turns={turns}, but the axis is said to be {fields['axis']}; leave turns out, "
+                f"{path}: turns={turns}, but the axis is stated as {fields['axis']}; leave turns out, "
                 "or use the sidecar that fits"
             )
         table = read_table(positions, 0.0 - grid.entries * unit, **fields)

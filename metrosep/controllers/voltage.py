@@ -237,7 +237,7 @@ class Voltage(Dialect):
         )
         if known["over"] != header[0].split("_")[0]:
             raise DataError(
-                f"{path}: over={known['over']!r} is said, the file is over {header[0].split('_')[0]}; leave "
+                f"{path}: over={known['over']!r} was given, the file is over {header[0].split('_')[0]}; leave "
                 "over= away, or look for the file that fits"
             )
         outside = (rows[:, 1:] < known["v_min"] - 1e-8) | (rows[:, 1:] > known["v_max"] + 1e-8)

@@ -161,7 +161,7 @@ def plan(
         wanted = _turn_points(options, rate * period)
         if n not in (None, wanted):
             raise DataError(
-                f"the file holds {n} points, a turn is said to have {wanted} (points=, rotation=): the "
+                f"the file holds {n} points, a turn was stated to have {wanted} (points=, rotation=): the "
                 "file was cut, or is another one"
             )
         n, start = wanted, options["start_angle"]

@@ -14,12 +14,12 @@ __all__ = ["TEXT_OPTIONS", "TextOptions", "accepted_options"]
 
 TEXT_OPTIONS: Final = {
     "separator": "Column separator, if it cannot be detected: tab, space, comma, semicolon.",
-    "decimal": "Decimal mark, where it is not clear: . or ,",
+    "decimal": "Decimal mark, if it cannot be detected: . or ,",
     "thousands": "Mark between groups of three digits, where numbers have one: , or . or '",
     "encoding": "Encoding of the text, if it cannot be detected: utf-16.",
-    "comment": "Text that begins the lines to leave out, where it is none of # % ! //",
-    "skip_rows": "How many lines to leave out at the start.",
-    "skip_lines": "Lines to leave out by their number: 31,40-52.",
+    "comment": "Text at the start of lines to skip, if it is not # % ! or //",
+    "skip_rows": "Number of lines to skip at the start.",
+    "skip_lines": "Lines to skip, by number: 31,40-52.",
     "missing": "Numbers or words for 'not measured': -9999; none where such numbers are readings.",
     "sheet": "Worksheet, table or array of a file that holds several, by its name.",
 }

@@ -228,7 +228,7 @@ def _result(
     if outside:
         notes.append(
             f"{outside} of {points.n_valid} valid points lie outside the domain of the "
-            f"{placed.form.name} and are left out"
+            f"{placed.form.name} and are omitted"
         )
     return FitResult(
         form=placed.form,

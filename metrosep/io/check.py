@@ -150,7 +150,7 @@ def _of_reader(metadata: Mapping[str, Any]) -> Iterator[Finding]:
         )
         yield Finding(
             "note",
-            f"{counts.get('data', 0)} of {counts['total']} lines are rows; left out were {listed}",
+            f"{counts.get('data', 0)} of {counts['total']} lines are rows; omitted were {listed}",
             "nothing, if none of these lines is a measurement",
         )
     for sentence in metadata.get("warnings", ()):

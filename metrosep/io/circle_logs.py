@@ -218,7 +218,7 @@ def _part(
         if not moving.all():
             said.append(
                 f"{file.name}: {int((~moving).sum())} samples in which the circle did not run at its "
-                "speed are left out"
+                "speed are omitted"
             )
         reading = own if reading is None else reading
         return _senses(file, angle, np.where(moving, reading, np.nan))

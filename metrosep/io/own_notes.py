@@ -165,7 +165,7 @@ def _take_fact(file: RawFile, name: str, text: str, facts: dict[str, Any]) -> li
         facts[name] = value
         return []
     if name == _COUNT:
-        return [f"{name} of the file, {text[:40]!r}, is damaged or is given twice: left out"]
+        return [f"{name} of the file, {text[:40]!r}, is damaged or is given twice: omitted"]
     twice = name in facts
     raise file.corrupt(
         f"what metrosep noted of the object {'is given twice' if twice else 'is damaged'}",
@@ -222,7 +222,7 @@ def _depth(value: Any) -> int:
 def _lost(line: str, what: str = "a step of the history") -> str:
     shown = line if len(line) <= 60 else line[:60] + " ..."
     return (
-        f"{what} is damaged and was left out, so what was removed or filtered may not be known: "
+        f"{what} is damaged and was omitted, so what was removed or filtered may not be known: "
         f"{shown!r}"
     )
 

@@ -150,7 +150,7 @@ def _refuse_few(term: str, n_places: int, needed: int, degree: int | None) -> No
     if degree is not None and n_places < needed:
         raise TooFewSamplesError(
             f"{term} with degree {degree} needs {needed} places of its axis, the readings have "
-            f"{n_places}; orders could not be told apart"
+            f"{n_places}; orders could not be distinguished"
         )
 
 

@@ -113,7 +113,7 @@ class Record:
                     kind[name] = np.where(spikes, np.nan, values)
                     n_out = int(spikes.sum())
                     words = "1 value stands" if n_out == 1 else f"{n_out} values stand"
-                    self.messages.append(f"{name}: {words} out of the neighbours; left out")
+                    self.messages.append(f"{name}: {words} out of the neighbours; omitted")
         self.known = np.ones(n, dtype=bool)
         self.temperatures = {k: self._without_gaps(k, v) for k, v in given.items()}
         numbers.count(blocks, "blocks", least=_FEWEST_BLOCKS)

@@ -416,7 +416,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     ]
     missing = sum(int((~np.isfinite(np.asarray(s.values))).sum()) for s in sets)
     if missing:
-        messages.append(f"{missing} readings are NaN and were left out")
+        messages.append(f"{missing} readings are NaN and were omitted")
     known = system.singular[system.singular > NULL * system.singular[0]]
     return Calibration(
         chain=chain,

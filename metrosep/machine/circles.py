@@ -469,7 +469,7 @@ def _result(
     lack = [s for s, r in read.items() if np.isnan(r).any()]
     if lack:
         gone = sum(int(np.isnan(r).sum()) for r in read.values())
-        messages.append(f"{gone} readings are NaN and were left out ({', '.join(lack)})")
+        messages.append(f"{gone} readings are NaN and were omitted ({', '.join(lack)})")
     if not fit.judged:
         messages.append("too few readings to judge drift: u is that of independent readings")
     tall = [k for k in spikes if k.height.u is not None and abs(k.height.value) > 4.0 * k.height.u]

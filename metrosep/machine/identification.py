@@ -595,7 +595,7 @@ def _messages(
         found.append(f"{', '.join(solver.space.dropped)}: moves this surface in no way of its own")
     core = int(used.size - used.sum())
     if core:
-        found.append(f"{core} points at the centre or at the rim of the form were left out")
+        found.append(f"{core} points at the centre or at the rim of the form were omitted")
     if points.stride > 1:
         found.append(f"every {points.stride}th row and column was used")
     if points.on_thinned() is None:

@@ -256,7 +256,7 @@ def _linear_axes(chain: Chain, given: Mapping[str, Any]) -> tuple[str, ...]:
     unknown = [a for a in given if a not in chain.axes]
     if unknown:
         raise DataError(
-            f"{unknown[0]!r} is no axis of the chain; its axes are {', '.join(chain.axes)}"
+            f"{unknown[0]!r} is not an axis of the chain; its axes are {', '.join(chain.axes)}"
         )
     free = tuple(a for a in _three(chain) if a not in given)
     kinds = {e.name: e for e in chain.elements}

@@ -359,7 +359,7 @@ def _messages(
         share = 100.0 * mesh.n_missing / (mesh.shape[0] * mesh.shape[1])
         found.append(
             f"the surface is not defined at {mesh.n_missing} points of the mesh ({share:.1f} %); "
-            "they are left out"
+            "they are omitted"
         )
     if amounts.shapes:
         found.append(

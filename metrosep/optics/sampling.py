@@ -219,9 +219,9 @@ def _left_out(gone: _Mask, z: FloatArray, rest: FloatArray) -> tuple[str, ...]:
     alone = int((gone & ~np.isnan(rest)).sum())
     notes = []
     if alone:
-        notes.append(f"{alone} pixels have no measured neighbour in x or y and are left out")
+        notes.append(f"{alone} pixels have no measured neighbour in x or y and are omitted")
     if undefined:
-        notes.append(f"{undefined} measured pixels lie where the form is not defined: left out")
+        notes.append(f"{undefined} measured pixels lie where the form is not defined: omitted")
     return tuple(notes)
 
 

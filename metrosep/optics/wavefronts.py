@@ -587,7 +587,7 @@ def _misplaced_height(
         return (
             f"on its axis the map stands about {1e6 * abs(height):.4g} um "
             f"{'above' if height > 0.0 else 'below'} the vertex plane z = 0, which is "
-            f"no mere piston: by the slopes up to {1e9 * size:.4g} nm of path come from it, mostly "
+            f"more than a piston: by the slopes up to {1e9 * size:.4g} nm of path come from it, mostly "
             f"defocus; if the vertex lies there, pass vertex_height={height:.4g} (in m)"
         )
     return (

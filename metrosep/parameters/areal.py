@@ -325,7 +325,7 @@ def _filled_notes(work: _Work, given: set[str]) -> list[str]:
         found = work.peaks if symbol == "Spc" else work.pits
         if symbol in given and (n := int(found.beside_filled.sum())):
             notes.append(
-                f"{symbol}: {n} of {len(found)} {what} lie on or beside a filled pixel and are left out"
+                f"{symbol}: {n} of {len(found)} {what} lie on or beside a filled pixel and are omitted"
             )
     return notes
 

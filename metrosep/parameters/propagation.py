@@ -442,7 +442,7 @@ def monte_carlo_table(
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = np.atleast_2d(np.corrcoef(drawn_values.T))
     notes = (
-        [f"{len(failed)} of {draws} draws could not be evaluated and are left out: {failed[0]}"]
+        [f"{len(failed)} of {draws} draws could not be evaluated and are omitted: {failed[0]}"]
         if failed
         else []
     )

@@ -208,7 +208,7 @@ def part_series(
     columns = _columns(table)
     known = {k: v for k, v in columns.items() if int((~np.isnan(v)).sum()) >= _FEWEST}
     messages = [
-        f"{k}: only {int((~np.isnan(v)).sum())} parts have it; left out, {_FEWEST} are needed"
+        f"{k}: only {int((~np.isnan(v)).sum())} parts have it; omitted, {_FEWEST} are needed"
         for k, v in columns.items()
         if k not in known
     ]

@@ -560,7 +560,7 @@ def sweeps(v: FloatArray, d: FloatArray) -> Sweeps:
         raise DegenerateFitError("no sweep covers half of the voltage range; sweep it whole")
     if lost:
         messages.append(
-            f"{len(lost)} part{'s' * (len(lost) > 1)} of a sweep left out, the range is "
+            f"{len(lost)} part{'s' * (len(lost) > 1)} of a sweep omitted, the range is "
             f"{whole[0]:.4g} ... {whole[1]:.4g} V: {', '.join(lost[:_NAMED])}"
             + (" and more" if len(lost) > _NAMED else "")
         )

@@ -215,7 +215,7 @@ def follow_up(
 def _nothing(level: float, least: float, taken: float) -> str:
     size = "zero throughout" if abs(level) <= least else f"{level * 1e9:.4g} nm throughout"
     if taken != 0.0:
-        return f"with the delay of {taken * 1e3:.4g} ms taken out the error is {size}"
+        return f"with the delay of {taken * 1e3:.4g} ms removed the error is {size}"
     return (
         f"the error is {size}: nothing to explain, all shares are 0; is the actual channel that of "
         "the encoder, not a copy of the command?"

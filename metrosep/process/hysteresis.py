@@ -422,7 +422,7 @@ def _identified(
     if step > extent / _COARSEST * (1.0 + 1e-9):
         said.append(f"thresholds {step:.3g} V apart are coarse for a range of {extent:.3g} V")
     if lost:
-        said.append(f"{lost} samples without a value were left out")
+        said.append(f"{lost} samples without a value were omitted")
     said += _rates(recording, v, rest, turns, extent)
     worst = float(np.abs(rest[~fitted]).max()) if (~fitted).any() else math.nan
     model = PrandtlIshlinskii(thresholds[used], weights[used], float(offset))

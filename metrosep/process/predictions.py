@@ -237,7 +237,7 @@ class ErrorBudget:
             if vague.any():
                 said.append(
                     f"{int(vague.sum())} of {vague.size} points of {c.name!r} have an error without "
-                    "an uncertainty; they are left out of the draws"
+                    "an uncertainty; they are omitted from the draws"
                 )
         return said
 

@@ -44,7 +44,7 @@ _OWN: Mapping[str, Mapping[str, Option]] = {
         "a": Option("point", required=True, help=f"where it begins: {_POINT}"),
         "b": Option("point", required=True, help="where it ends"),
         "width": Option(
-            "size", help="mean of parallel lines across this band; one line if left out"
+            "size", help="mean of parallel lines across this band; one line if omitted"
         ),
     },
     "circle": {

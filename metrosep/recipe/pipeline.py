@@ -376,7 +376,7 @@ def _mask(obj: Measured, options: Mapping[str, Any]) -> Done:
     if isinstance(obj, Profile):
         where = f"about {format_length(audit['centre_m'][0])}"
     messages = [
-        f"mask, {where}: {audit['taken_out']} measured heights taken out, {audit['left']} left"
+        f"mask, {where}: {audit['taken_out']} measured heights removed, {audit['left']} left"
     ]
     points = options["aperture"].get("points", ())
     if options["aperture"]["shape"] == "polygon" and crosses_itself(points):
@@ -391,7 +391,7 @@ def _outliers(obj: Measured, options: Mapping[str, Any]) -> Done:
     result, audit = without_outliers(obj, **given)
     n, measured = audit["taken_out"], audit["taken_out"] + audit["left"]
     text = (
-        f"outliers: {n} of {measured} measured heights taken out (robust sigma "
+        f"outliers: {n} of {measured} measured heights removed (robust sigma "
         f"{format_length(audit['sigma_m'])}); nothing is filled"
     )
     messages = [text]
@@ -462,7 +462,7 @@ def _filter(obj: Measured, options: Mapping[str, Any]) -> Done:
     elif result.n_invalid > obj.n_invalid:
         messages.append(
             f"filter: {result.n_invalid - obj.n_invalid} heights have too few measured ones within "
-            "the cut-off and were taken out"
+            "the cut-off and were removed"
         )
     return Done(result, messages=tuple(messages), audit={"left": result.z.size - result.n_invalid})
 

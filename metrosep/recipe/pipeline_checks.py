@@ -431,7 +431,7 @@ APERTURE: Mapping[str, Option] = {
 MASK: Mapping[str, Option] = {
     "aperture": Option("table", required=True, help="what is kept", inner=APERTURE),
     "outside": Option(
-        "flag", help="true: what lies outside is taken out; false: what lies inside", default=True
+        "flag", help="true: what lies outside is removed; false: what lies inside", default=True
     ),
 }
 
@@ -459,7 +459,7 @@ FORM: Mapping[str, Option] = {
     ),
     "free": Option(
         "texts",
-        help="what may move: piston, tilt_x, tilt_y, shift_x, shift_y, rotation_z, and parameters of the form; piston and tilts if left out",
+        help="what may move: piston, tilt_x, tilt_y, shift_x, shift_y, rotation_z, and parameters of the form; piston and tilts if omitted",
     ),
     "fix": Option("table", help='held at a value: { R = "50 mm" }'),
     "start": Option("table", help='where the fit begins: { R = "50 mm" }'),
@@ -592,7 +592,7 @@ FORM_PROFILE: Mapping[str, Option] = {
 PARAMETERS: Mapping[str, Option] = {
     "names": Option(
         "texts",
-        help='symbols such as "Sa", "PV", "Ra", "FLTt"; "all"; a usual set for a map or a profile if left out',
+        help='symbols such as "Sa", "PV", "Ra", "FLTt"; "all"; a usual set for a map or a profile if omitted',
     ),
     "kind": Option(
         "text",

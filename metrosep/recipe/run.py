@@ -304,11 +304,27 @@ def separate_inputs(recipe: Recipe, runs: RunSet, tell: Progress = _silent) -> E
     """Return what the step ``separate`` of a recipe makes of runs."""
     from metrosep.separation.runs.entry import separate
 
+    _require_references(recipe, runs)
     tell(f"separating {len(runs)} runs")
     step = next(s for s in recipe.steps if s["op"] == "separate")
     options = {k: v for k, v in step.items() if k != "op"}
     found: ErrorEstimate = separate(runs, **options)
     return found
+
+
+def _require_references(recipe: Recipe, runs: RunSet) -> None:
+    """Refuse a place of zero correction that no run reaches, before anything is separated."""
+    from metrosep.compensation.sampling import format_position
+    from metrosep.core.errors import TableError
+
+    low, high = runs.full_travel
+    for output in (o for o in recipe.outputs if o["kind"] == "table"):
+        wanted, axis = output.get("reference"), str(output.get("axis", "X"))
+        if isinstance(wanted, float) and not low <= wanted <= high:
+            raise TableError(
+                f"the reference {format_position(axis, wanted)} lies outside the travel of the runs, "
+                f"{format_position(axis, low)} ... {format_position(axis, high)}"
+            )
 
 
 def _polynomial(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> dict[str, Any] | None:

@@ -97,7 +97,7 @@ STEPS = {
         ),
         "on_axis": Field(
             "flag",
-            help="true where the error is along the axis itself, so that the slope of a joint estimate is part of it; as the tables of the recipe say if left out",
+            help="true where the error is along the axis itself, so that the slope of a joint estimate is part of it; as the tables of the recipe say if omitted",
         ),
     },
     "plan_feedrates": PLAN,
@@ -171,7 +171,7 @@ OUTPUTS = {
         "reference_direction": Field(
             "text",
             choices=tuple(REFERENCE_DIRECTIONS),
-            help="direction in which the reference is reached; forward if left out",
+            help="direction in which the reference is reached; forward if omitted",
         ),
         **options_of(Expansion),
         "active": Field(

@@ -299,7 +299,7 @@ def test_unwritable_folder(metrosep, runs_csv, tmp_path):
     code, _, err = metrosep("separate", runs_csv, *COLUMNS, "-o", blocked / "out")
 
     assert code == 2
-    assert "cannot be made" in one_line_error(err)
+    assert "is a file, not a folder" in one_line_error(err)
 
 
 @pytest.mark.parametrize(

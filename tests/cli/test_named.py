@@ -72,7 +72,7 @@ def test_printed_recipe_does_the_same(metrosep, readings, tmp_path):
         ((*NAMED, "--set", "radius=2 mm"), 'unknown key "radius"'),
         ((*NAMED, "--set", "u_index=2 mm"), "u_index"),
         ((*NAMED, "--set", "u_index"), "NAME=VALUE"),
-        (("--method", "joint", "--readings", "m1_nm"), "Missing option '--x'"),
+        (("--method", "joint", "--readings", "m1_nm"), "belongs to a named separation"),
         (("--x", "a", "--z", "b", "--angle", "c"), "--angle belongs to a named separation"),
         (("--x", "a", "--z", "b", "--set", "c=1"), "--set c: unknown key"),
     ],

@@ -145,7 +145,7 @@ def test_a_warm_scale_is_corrected_to_20_degrees(tmp_path, metrosep):
     # the readings that made it are judged at 20 degC too, with or without saying it again
     code, _, said = metrosep("verify", out, "--against", file, *NAMES[:6], *SENSE)
     assert code == 0, said
-    assert "each left out once" in said
+    assert "each omitted once" in said
     # five runs share one wrong temperature: no number of them shows it, so its u counts in full
     vague = ["--u-temperature", "2 K", "-o", str(tmp_path / "y.comp")]
     code, _, said = metrosep("table", file, *NAMES, *SENSE, *warm, *vague)
@@ -272,7 +272,7 @@ def test_readings_that_made_the_second_table_judge_it_with_each_left_out(tmp_pat
     against = ["--against", second, *NAMES[:6], *SENSE, "--active", old]
     code, _, told = metrosep("verify", new, *against)
     assert code == 0, told
-    assert "judged on 5 runs, each left out once" in told
+    assert "judged on 5 runs, each omitted once" in told
     numbers = [line for line in made.splitlines() if line.startswith("RMS that repeats")]
     assert numbers[0] in told  # as it was judged when it was made
     sidecar = json.loads((tmp_path / "new.comp.json").read_text())

@@ -83,7 +83,7 @@ def test_table_of_an_axis_on_itself_takes_its_slope_away(metrosep, tmp_path):
     assert pv(pitch_um(X)) > 3.0
     assert pv(machine_um(file)) < 0.12 * pv(pitch_um(X))  # slopes of five runs scatter by 0.4 um/m
     assert "X -> X (its own positioning)" in err
-    assert "5 runs, each left out once" in err
+    assert "5 runs, each omitted once" in err
     assert "accepted" in err
 
 
@@ -237,8 +237,8 @@ def test_runs_that_made_a_table_are_left_out_one_by_one_when_it_is_verified(metr
     foreign = metrosep("verify", file, "--against", other, *COLUMNS)
 
     assert own[0] == foreign[0] == 0
-    assert "each left out once" in own[2]
-    assert "left out" not in foreign[2]
+    assert "each omitted once" in own[2]
+    assert "omitted" not in foreign[2]
 
 
 def test_second_iteration_on_a_wrong_signed_table_brings_the_true_error_down(tmp_path):
@@ -283,7 +283,7 @@ def test_a_run_that_was_left_out_makes_no_table_and_judges_none(metrosep, tmp_pa
     assert "run 4 reads" in why
     assert "--exclude 4" in why
     assert code == 0, err
-    assert "judged on 5 runs, each left out once" in err
+    assert "judged on 5 runs, each omitted once" in err
     assert pv(machine_um(file)) < 0.12 * pv(pitch_um(X))
 
 
@@ -321,7 +321,7 @@ def test_terminal_and_json_name_axes_span_entries_slope_and_zero(metrosep, tmp_p
         assert sentence in made[2]
     assert found["sentences"] == sidecar["verification"]["sentences"]
     assert re.search(
-        r"judged on 4 runs, each left out once, 0 \.\.\. 130 mm; off the readings: one constant",
+        r"judged on 4 runs, each omitted once, 0 \.\.\. 130 mm; off the readings: one constant",
         found["sentences"][0],
     )
     assert re.search(

@@ -86,7 +86,7 @@ def test_runs_of_a_turning_axis_become_its_table_in_angles(tmp_path, metrosep, u
     again = ("verify", out, "--against", file, *call[:6])
     code, _, told = metrosep(*again)
     assert code == 0, told
-    assert "each left out once" in told
+    assert "each omitted once" in told
     no_lengths(told)
     other = runs_file(tmp_path / "d.csv", unit=unit, seed=9)
     code, printed, told = metrosep(*again[:3], other, *again[4:], "--json")

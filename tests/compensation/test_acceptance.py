@@ -465,7 +465,7 @@ def test_joint_estimates_are_made_again_five_times_at_most(monkeypatch, n, both_
     for out in left if both_ways else []:
         forward, reverse = ({name[:-1] for name in out if name[-1] == way} for way in "+-")
         assert forward == reverse
-    said = "each left out once" if n <= 5 else "left out in 5 groups"
+    said = "each omitted once" if n <= 5 else "omitted in 5 groups"
     assert said in found.sentences[0]
     assert found.to_dict()["left_out"] == min(n, 5)
 

@@ -546,7 +546,7 @@ def test_names_that_contradict_the_axes_of_the_file_are_refused(tmp_path):
     path.write_text(HAND)
     (tmp_path / "x.INI.json").write_text('{"table": {"axis": "X", "compensates": "X"}}')
 
-    with pytest.raises(CorruptFileError, match=r"said to correct X over X.*AX3 over AX1"):
+    with pytest.raises(CorruptFileError, match=r"states that it corrects X over X.*AX3 over AX1"):
         SinumerikCec().decode(HAND.encode(), path, **PLAIN)
 
 

@@ -418,7 +418,7 @@ def test_sidecar_of_a_table_across_axes_is_refused(tmp_path):
     path = tmp_path / "x.INI"
     (tmp_path / "x.INI.json").write_text('{"table": {"axis": "Y", "compensates": "Z"}}')
 
-    with pytest.raises(CorruptFileError, match="said to correct Z over Y"):
+    with pytest.raises(CorruptFileError, match="states that it corrects Z over Y"):
         SinumerikEnc().decode(HAND.encode(), path)
 
 

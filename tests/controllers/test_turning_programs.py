@@ -411,7 +411,7 @@ def test_a_point_list_that_is_damaged_is_refused(tmp_path):
     for old, new, error, match in (
         ("X_mm", "X_inch", DataError, "columns t_s,X_inch"),
         ("1,2,-9,0", "1,2,-9", CorruptFileError, "line 5: 4 numbers are needed"),
-        ("1,2,-9,0", "1,2,-9,n/a", CorruptFileError, "a field that is no number"),
+        ("1,2,-9,0", "1,2,-9,n/a", CorruptFileError, "a field that is not a number"),
         ("1,2,-9,0", "1,2,-9,nan", CorruptFileError, "4 numbers are needed"),
         ("1,2,-9,0", "0,2,-9,0", DataError, "block 1 is reached at 0 s"),
     ):

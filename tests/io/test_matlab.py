@@ -199,7 +199,7 @@ def test_complex_numbers_are_named(save):
 
     with pytest.raises(ms.errors.FormatMismatchError, match="'c' is complex"):
         ms.read(path, channel="c")
-    with pytest.raises(ms.errors.UnsupportedFeatureError, match="left out: c"):
+    with pytest.raises(ms.errors.UnsupportedFeatureError, match="omitted: c"):
         ms.read(path)
 
 

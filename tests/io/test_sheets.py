@@ -629,7 +629,7 @@ def test_objects_of_an_npz_are_never_unpickled(tmp_path):
 
     assert len(read) == len(X)
     assert not (tmp_path / "trap").exists()
-    assert "array 'notes' was left out" in read.metadata["warnings"][0]
+    assert "array 'notes' was omitted" in read.metadata["warnings"][0]
 
 
 def test_a_swollen_npz_is_refused_soon(tmp_path):

@@ -476,7 +476,7 @@ def test_many_lines_above_a_table_are_kept_at_every_door(put):
     assert sum(len(c["z_um"]) for c in streamed(path, skip_rows=50)) == 60
     (found,) = check_file(path)
     assert found.level == "note"
-    assert "60 of 111 lines are rows; left out were preamble: 50 (line 1-50)" in found.problem
+    assert "60 of 111 lines are rows; omitted were preamble: 50 (line 1-50)" in found.problem
 
 
 @pytest.mark.parametrize("run", [True, False])

@@ -48,7 +48,7 @@ def test_a_lathe_without_three_linear_axes_is_refused():
         inverse_kinematics(presets("sts_lathe"), (0.01, 0.0, 0.0), C=0.0)
     with pytest.raises(DataError, match="axis 'C' is missing"):
         trunnion().inverse((0, 0, 0), A=0.1)
-    with pytest.raises(DataError, match="'B' is no axis"):
+    with pytest.raises(DataError, match="'B' is not an axis"):
         trunnion().inverse((0, 0, 0), A=0.1, B=0.0, C=0.0)
     with pytest.raises(InvalidSamplesError):
         trunnion().inverse((0, 0), A=0.1, C=0.0)

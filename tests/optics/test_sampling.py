@@ -47,7 +47,7 @@ def test_slopes_at_the_rim_are_of_second_order():
     front = wavefront(masked(Sphere(R=R), 405, step, within(10e-3)))
     # three-point rule: h^2/3 z''' = h^2 rho/R^3, and W_p = 4 z p: 4 (1 mm) (0.2) (7e-8) = 0.2 nm
     assert np.abs(sphere_error(front, R)).max() < 0.25 * NM
-    assert front.messages == ("4 pixels have no measured neighbour in x or y and are left out",)
+    assert front.messages == ("4 pixels have no measured neighbour in x or y and are omitted",)
 
 
 def test_rim_slopes_of_a_parabola_are_exact_even_if_lopsided():
@@ -184,9 +184,7 @@ def test_pixels_off_the_form_are_counted():
     x, y = grid(41, 1e-3)
     off = int((within(12e-3)(x, y) & ~within(10.2e-3)(x, y)).sum())
     front = wavefront(surface, form=disc, radius=12e-3)
-    assert (
-        front.messages[0] == f"{off} measured pixels lie where the form is not defined: left out"
-    )
+    assert front.messages[0] == f"{off} measured pixels lie where the form is not defined: omitted"
     assert front.audit["n_points"] == within(10.2e-3)(x, y).sum()
 
 

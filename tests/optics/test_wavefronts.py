@@ -112,7 +112,7 @@ def test_gaps_stay_gaps_and_lonely_pixels_are_named():
     z[8, 8] = 1e-9
     front = wavefront(Surface(z, 1e-3, 1e-3), centre=(4e-3, 4e-3))
     assert int((~np.isnan(front.opd)).sum()) == 25
-    assert "1 pixels have no measured neighbour in x or y and are left out" in front.messages
+    assert "1 pixels have no measured neighbour in x or y and are omitted" in front.messages
 
 
 def test_a_margin_that_was_not_measured_moves_no_axis():

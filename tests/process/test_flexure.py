@@ -208,7 +208,7 @@ class TestLogsThatStartInsideTheStroke:
         assert c.full_scale == pytest.approx(FS, abs=1e-9 * UM)
         assert c.hysteresis == pytest.approx(0.8 / 16.6, abs=1e-9)
         assert (c.audit["sweeps_up"], c.audit["sweeps_down"]) == (1, 2)
-        (left,) = [m for m in c.messages if "left out" in m]
+        (left,) = [m for m in c.messages if "omitted" in m]
         assert f"up {start:g} ... 10 V" in left
 
     @pytest.mark.parametrize("start", [2.0, 4.0, 5.0, 8.0])
@@ -251,13 +251,13 @@ class TestLogsThatStartInsideTheStroke:
         """7-10-0: less than half a sweep up; the curve is the falling one."""
         c = flexure_calibration(stage_log(path(7, 10, 0)))
         assert np.isnan(c.hysteresis)
-        assert any("up 7 ... 10 V" in m and "left out" in m for m in c.messages)
+        assert any("up 7 ... 10 V" in m and "omitted" in m for m in c.messages)
 
     def test_growing_loops(self):
         c = flexure_calibration(stage_log(path(0, 4, 0, 8, 0, 10, 0)))
         assert c.full_scale == pytest.approx(FS, abs=1e-9 * UM)
         assert (c.audit["sweeps_up"], c.audit["sweeps_down"]) == (1, 1)
-        assert any("left out" in m and "0 ... 8 V" in m for m in c.messages)
+        assert any("omitted" in m and "0 ... 8 V" in m for m in c.messages)
 
 
 class TestInverse:

@@ -132,7 +132,7 @@ def test_outputs_are_written(part):
     np.testing.assert_array_equal(left.z, result.produced.obj.z)
     page = (part / "out/report.html").read_text("utf-8")
     assert "What is left after mask, form, filter" in page
-    assert "taken out" in page
+    assert "removed" in page
 
 
 def test_a_profile_and_its_roughness(sine):

@@ -233,7 +233,7 @@ def test_a_run_with_an_impossible_clock_can_be_left_out_and_other_methods_need_n
     file = csv(tmp_path / "a.csv", axis(4, drifting))
 
     assert call(file, "--exclude", "5") == 0
-    assert any("run 5 was left out" in m for m in json.loads(capsys.readouterr().out)["messages"])
+    assert any("run 5 was omitted" in m for m in json.loads(capsys.readouterr().out)["messages"])
     assert call(file, "--method", "mean") == 0
     assert not any("clock" in m for m in json.loads(capsys.readouterr().out)["messages"])
 

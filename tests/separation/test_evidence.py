@@ -108,7 +108,7 @@ def test_many_runs_at_one_feed_do_not_decide():
 
     assert not result.to_frame()["selected"].iloc[9]
     assert result.audit["n_runs_left_out"] == 9
-    assert "left out" in " ".join(result.messages)
+    assert "omitted" in " ".join(result.messages)
 
 
 def test_wavelengths_at_which_the_feeds_do_not_tell_are_blank():

@@ -211,10 +211,10 @@ def test_at_one_feedrate_it_says_that_no_delay_can_be_seen():
 def test_a_shortest_wavelength_that_leaves_waves_out_is_said_and_one_that_does_not_is_not():
     runs = Shop(41).set()
 
-    cut = [m for m in separate(runs, shortest=20e-3).messages if "left out as stated" in m]
+    cut = [m for m in separate(runs, shortest=20e-3).messages if "omitted as stated" in m]
     wavelength = float(re.search(r"one of ([\d.]+) mm", cut[0])[1])
     assert min(abs(wavelength - w) for w in (15.0, 8.0, 5.0)) < 3.0  # leakage of a coarse grid
-    assert not any("left out" in m for m in separate(runs, shortest=3e-3).messages)
+    assert not any("omitted" in m for m in separate(runs, shortest=3e-3).messages)
 
 
 def test_a_stated_line_that_is_not_there_is_said_and_one_that_is_is_removed():

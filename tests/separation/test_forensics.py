@@ -587,7 +587,7 @@ def test_the_command_refuses_what_python_refuses_and_its_hint_works(tmp_path, ca
     assert "--exclude 3" in said
     assert run("--exclude", "3") == 0
     out = json.loads(capsys.readouterr().out)
-    assert any("run 3 was left out" in m for m in out["messages"])
+    assert any("run 3 was omitted" in m for m in out["messages"])
     assert run("--accept", "3") == 0
 
 

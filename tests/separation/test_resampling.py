@@ -239,7 +239,7 @@ def test_double_pulse_is_refused_or_dropped_whole(where):
 
     assert result.n_revolutions == 10
     assert result.audit["dropped_revolutions"] == [4, 5]
-    assert sum("left out" in m for m in result.messages) == 2
+    assert sum("omitted" in m for m in result.messages) == 2
     assert np.abs(result.table - motion(result.angle)).max() < BAND_LIMITED
 
 

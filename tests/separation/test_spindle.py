@@ -439,7 +439,7 @@ def test_revolution_with_a_gap_is_left_out_and_named():
     np.testing.assert_array_equal(x, before)
     assert result.n_revolutions == 24
     assert 7 not in result.revolutions
-    assert any("left out 1 revolution" in m and "7" in m for m in result.messages)
+    assert any("omitted 1 revolution" in m and "7" in m for m in result.messages)
     whole = iso230_7(np.delete(x, 7, axis=0))
     assert whole.synchronous.value == result.synchronous.value
 

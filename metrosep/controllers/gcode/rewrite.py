@@ -86,7 +86,7 @@ class Rewriter:
             raise DataError("this correction has no edge to hold; use outside='zero' or 'refuse'")
         if "X" in settings.axes and correction.x is None:
             raise DataError(
-                "the correction says nothing of X; give one with a slope and move_x=True, or axes=('Z',)"
+                "the correction holds nothing for X; give one with a slope and move_x=True, or axes=('Z',)"
             )
         if "X" not in settings.axes and correction.x is not None:
             raise DataError(

@@ -170,7 +170,7 @@ class ModalState:
             raise refuse_block(
                 line,
                 "'/'",
-                "a switch on the machine decides whether this block is carried out",
+                "a switch on the machine decides whether this block is run",
                 "take the block out or the slash away",
             )
         self._refuse_cycle(codes, words, line)

@@ -303,7 +303,7 @@ def _read_points(
             row = [float(v) for v in fields]
         except ValueError:
             raise CorruptFileError(
-                place, f"line {number}: {line!r} holds a field that is no number"
+                place, f"line {number}: {line!r} holds a field that is not a number"
             ) from None
         if len(row) != len(names) or not np.isfinite(row).all():
             raise CorruptFileError(

@@ -162,7 +162,7 @@ def _unclear(file: RawFile, values: Values) -> FormatMismatchError | Unsupported
             f"{file.path}: holds {len(maps)} matrices ({_listed(file)}); choose one with "
             f"channel={maps[0]!r}"
         )
-    left = f" (left out: {', '.join(values.left_out[:8])})" if values.left_out else ""
+    left = f" (omitted: {', '.join(values.left_out[:8])})" if values.left_out else ""
     return UnsupportedFeatureError(
         f"{file.path}: holds no matrix and no vector of real numbers{left}; save some as variables"
     )

@@ -195,7 +195,7 @@ def _add_group(
         if not master and (
             fields["type"] != _VALUE or fields["data_type"] > max(_FLOAT) or cn.link(1)
         ):
-            warnings.append(f"{name} holds texts, bytes or an array and was left out")
+            warnings.append(f"{name} holds texts, bytes or an array and was omitted")
             continue
         if fields["type"] == _VIRTUAL_MASTER:
             values = np.arange(count, dtype=np.float64)

@@ -702,7 +702,7 @@ class _Arrays(_Container):
             try:
                 found[name] = array_of(raw, 2**62, kinds="iufbUSM", dimensions=(0, 1, 2))[0]
             except UnsupportedFeatureError as exc:
-                self.left += (f"array {name!r} was left out: {exc}",)
+                self.left += (f"array {name!r} was omitted: {exc}",)
         return found
 
     def read(self, name: str) -> _Columns:

@@ -214,7 +214,7 @@ def _odd(found: TdmsFile, values: Mapping[str, FloatArray]) -> Iterator[str]:
             yield f"{infinite} infinite values of {name} were taken as not measured"
     left = [c.name for c in found.objects.values() if c.type_code and not c.extents]
     if left:
-        yield f"channels without numbers were left out: {', '.join(left[:8])}"
+        yield f"channels without numbers were omitted: {', '.join(left[:8])}"
 
 
 def _positive(file: RawFile, name: str, value: Any) -> float:

@@ -421,7 +421,7 @@ def _ibw_units(asked: Request, header: Fields, name: str) -> tuple[float, float,
         except UnitError:
             raise UnitError(
                 f"{asked.file.path}: {what} of layer {name!r}: the unit is {unit or 'not stated'!r}, which "
-                "is no length; where the file states none, declare it with unit="
+                "is not a length; where the file states none, declare it with unit="
             ) from None
     return factors[0], factors[1], factors[2]
 

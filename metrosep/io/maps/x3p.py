@@ -178,7 +178,7 @@ def _profile(content: _Content) -> Profile:
         x = content.values["CX"]
         known = ~np.isnan(x)
         if not known.all():
-            asked.warnings.append(f"{int((~known).sum())} points without a position were left out")
+            asked.warnings.append(f"{int((~known).sum())} points without a position were omitted")
             x, z = x[known], z[known]
     else:
         step = axis.increment if asked.step is None else asked.step
@@ -217,7 +217,7 @@ def on_grid(
     )
     known = ~(np.isnan(x) | np.isnan(y))
     if not known.all():
-        warnings.append(f"{int((~known).sum())} points without a position were left out")
+        warnings.append(f"{int((~known).sum())} points without a position were omitted")
     x, y, z = x[known], y[known], values["CZ"][known]
     reason = "there are too few of them for a grid"
     if z.size and _n_steps(x) * _n_steps(y) <= _MAX_GAPS * z.size:

@@ -217,7 +217,7 @@ class Body:
         if self._surplus:
             found.append(
                 f"{_rows(len(self._surplus))} more separators at the end than the others (first: line "
-                f"{self._surplus[0]}); they were left out, since nothing stands behind them"
+                f"{self._surplus[0]}); they were omitted, since nothing stands behind them"
             )
         for found_at, what in (
             (self._beyond, "say that the sensor was out of its range; they count as not measured"),
@@ -490,7 +490,7 @@ class Body:
                     field=f"line {number}",
                     expected=f"{self._n} fields ({self._layout.dialect})",
                     found=repr(line.strip()[:60]),
-                    hint=f"if it may be left out, give skip_lines='{number}'; else split the file there",
+                    hint=f"if it may be omitted, give skip_lines='{number}'; else split the file there",
                 )
         waiting = [number for number, *_ in self._pending]
         self._pending = []

@@ -125,7 +125,7 @@ class _Variable:
             is_array = any(len(text.split()) > 1 for text in self.texts)
             notes.append(
                 f"{name} holds {'arrays or text' if is_array else 'text'}, for example "
-                f"{self.texts[0][:40]!r}; it was left out"
+                f"{self.texts[0][:40]!r}; it was omitted"
             )
             return None
         return [

@@ -41,7 +41,7 @@ LAYOUT_KEYS = {
     "header_lines": "number of lines before the table, instead of table_after",
     "separator": "tab, comma, semicolon or space",
     "decimal": ". or ,",
-    "encoding": "such as utf-8 or latin-1; found from the content if left out",
+    "encoding": "such as utf-8 or latin-1; found from the content if omitted",
     "comment": "start of lines to leave out",
     "key_separator": "splits the lines of the head into key and value",
     "sampling_rate": "such as '2 kHz', for text without a column of time",
@@ -242,7 +242,7 @@ class LayoutReader:
             if line.lstrip().startswith(mark):
                 return lines[: i + 1], i + 1
         raise FormatMismatchError(
-            f"{file.path}: is no {self._title}: no line begins with {mark!r}; leave out format= to have "
+            f"{file.path}: is not a {self._title}: no line begins with {mark!r}; leave out format= to have "
             "it recognised"
         )
 

@@ -99,7 +99,7 @@ class _Items:
         warnings = []
         if self.texts:
             shown = ", ".join(f"{n} ({k})" for n, k in self.texts.most_common(8))
-            warnings.append(f"values that are not numbers were left out: {shown}")
+            warnings.append(f"values that are not numbers were omitted: {shown}")
         if self.twice:
             warnings.append(
                 f"{self.twice} values have the stamp of another one of their item: the last is kept"

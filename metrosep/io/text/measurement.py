@@ -638,7 +638,7 @@ def map_as_surface(
     elif found.dimension != "length":
         raise UnitError(
             f"{file.path}: {name!r} is in {found.name} ({found.dimension}); a surface needs a length, or "
-            "scale='2.5 um/V' for a sensor in volts"
+            "scale='2.5 um/V' for a sensor with voltage output"
         )
     return make_surface(
         file,

@@ -87,7 +87,7 @@ def read(
         if overhang is None:
             raise _turns_back(file, columns["x"], keep, points.first_line + start)
         position, height = position[keep], height[keep]
-        warnings.append(f"{int((~keep).sum())} points that turn back were left out as asked")
+        warnings.append(f"{int((~keep).sum())} points that turn back were omitted as asked")
         facts["n_dropped"] = int((~keep).sum())
     return make_profile(
         file,

@@ -407,7 +407,7 @@ def without_empty_rows(table: Table) -> Table:
         for c in table.columns
     )
     lines = table.lines[~filled]
-    said = f"line {int(lines[0])} holds no value and was left out ({lines.size} such row(s))"
+    said = f"line {int(lines[0])} holds no value and was omitted ({lines.size} such row(s))"
     return replace(
         table, columns=columns, lines=table.lines[filled], warnings=(*table.warnings, said)
     )

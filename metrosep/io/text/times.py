@@ -151,7 +151,7 @@ class RunningClock:
     def _plain(self, text: str, line: int) -> _Parts:
         part = _parts(text)
         if part is None or (part.date is not None and not _is_date(*part.date)):
-            raise self._odd(text, line, "is no date or time of day")
+            raise self._odd(text, line, "is not a date or a time of day")
         if part.swappable and part.date is not None and part.date[1] != part.date[2]:
             raise self._odd(
                 text, line, "may be day/month or month/day, which only the whole tells"

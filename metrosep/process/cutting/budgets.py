@@ -628,7 +628,7 @@ def identify_edge(
         if abs(correlation[i, j]) > _ALIKE
     ]
     if pairs:
-        said.append(f"hardly told apart on this part: {', '.join(pairs)}")
+        said.append(f"can hardly be distinguished on this part: {', '.join(pairs)}")
     return EdgeFit(
         {n: float(solved[n]) for n in names}, u, correlation, setting, _turned(nose, solved),
         float(np.sqrt(np.mean(rest**2))), explained, tuple(said),

@@ -52,7 +52,7 @@ def sensitivity_of(produced: Any, inputs: Any = None) -> Description:
         if steps and produced.visible
     ]
     messages += [
-        f"{', '.join(names)}: not visible on this part ({why}), so left out of the list"
+        f"{', '.join(names)}: not visible on this part ({why}), so omitted from the list"
         for why, names in produced.hidden.items()
     ]
     messages += _height_shifts(produced)
@@ -119,7 +119,7 @@ def _ranking(produced: Any, what: str, removed: str) -> dict[str, Any]:
         "alignment is a ranking of the machine."
     )
     if lost and seen:
-        caption += f" {lost} terms that no longer show are left out."
+        caption += f" {lost} terms that no longer show are omitted."
     if wide:
         caption += " Logarithmic scale."
     return bar_chart(

@@ -106,7 +106,7 @@ def _map(title: str, obj: Measured, *, measured: bool, side: int = _SIDE_BEFORE)
         dx=obj.dx,
         dy=obj.dy,
         unit="m",
-        caption=f"{obj.n_invalid} of {obj.z.size} pixels not measured or taken out: grey.",
+        caption=f"{obj.n_invalid} of {obj.z.size} pixels not measured or removed: grey.",
         origin=obj.origin,
         pv={"": obj.peak_to_valley()},
         measured=measured,
@@ -284,7 +284,7 @@ def _words(stage: Stage) -> str:
     if not stage.enabled:
         return "switched off"
     if stage.op in ("mask", "outliers"):
-        return f"{audit['taken_out']} heights taken out, {audit['left']} left"
+        return f"{audit['taken_out']} heights removed, {audit['left']} left"
     if stage.op == "form":
         free = ", ".join(k for k, v in audit["parameters"].items() if v["free"])
         return (

@@ -86,7 +86,7 @@ class DualServo(Method):
         ),
         "travel": Option("size", help='of the stage, from 0, "5 um"'),
         "table_step": Option(
-            "size", help="between the positions of the voltages; a 400th of the travel if left out"
+            "size", help="between the positions of the voltages; a 400th of the travel if omitted"
         ),
         "speed": Option("speed", help="of the slide, which tells how fast the voltage changes"),
         "slew": Option("number", help="fastest change of the amplifier in V/s, 100"),

@@ -198,7 +198,7 @@ class _OfPoints(Method):
         if lost.all():
             raise TooFewSamplesError("no point has all of its coordinates; check the columns")
         notes = (
-            [f"{int(lost.sum())} points without a coordinate were left out"] if lost.any() else []
+            [f"{int(lost.sum())} points without a coordinate were omitted"] if lost.any() else []
         )
         notes += [n for p in parts for n in p.notes]
         return Points(xyz, element, section, tuple(dict.fromkeys(notes)))[~lost]
@@ -399,7 +399,7 @@ class _Orientation(_OfPoints):
     datum_direction: str | None = option(
         None,
         kind="text",
-        help="of a datum axis: roughly along it; that of the feature if left out",
+        help="of a datum axis: roughly along it; that of the feature if omitted",
     )
 
     def _parts(self, points: Points) -> tuple[Points, ...]:

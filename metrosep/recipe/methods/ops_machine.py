@@ -289,7 +289,7 @@ class TermsIdentified(Method):
         "tool": _TOOL,
         "form": Option(
             "text",
-            help="the nominal surface with all its parameters; what the map holds if left out",
+            help="the nominal surface with all its parameters; what the map holds if omitted",
         ),
         "terms": Option("texts", help="error terms that may be at work, EXX,EYX,B0Z"),
         "curves": Option(
@@ -345,7 +345,7 @@ class WavefrontOfMap(Method):
             choices=("inside", "outside"),
             help="where the light comes from: outside the material, or inside",
         ),
-        "radius": Option("size", help="of the pupil; of what was measured if left out"),
+        "radius": Option("size", help="of the pupil; of what was measured if omitted"),
         "inner_radius": _INNER_RADIUS,
         "centre": CENTRE,
         "form": Option(
@@ -353,7 +353,7 @@ class WavefrontOfMap(Method):
         ),
         "terms": Option("integer", help="number of Zernike terms"),
         "order": Option("text", choices=("ansi", "noll", "fringe"), help="of the Zernike terms"),
-        "wavelength": Option("size", help="in which the wavefront is told too"),
+        "wavelength": Option("size", help="in which the wavefront is given too"),
         "removed": Option("text", help="terms that are set-up: piston,tilt"),
         "vertex_height": Option("length", help="height of the vertex above the zero of the map"),
     }

@@ -87,7 +87,7 @@ class FollowUpOfLog(Method):
             "texts",
             help="what the error may depend on, velocity,acceleration,jerk (position, friction too)",
         ),
-        "delay": Option("time", help='known lag of the logger, taken out first, "1 ms"'),
+        "delay": Option("time", help='known lag of the logger, removed first, "1 ms"'),
         "estimate_delay": Option("flag", help="true: the lag of the logger is found from the log"),
         "window": Option("integer", help="samples over which velocity and acceleration are found"),
         "error_sign": Option(
@@ -304,9 +304,9 @@ class JobPredicted(Method):
             "texts", help="what that map tells, dx,dy,dR (yaw, rake too); piston and tilt always"
         ),
         "follow_up": Option("file", help="file with the log of the dry run of this part"),
-        "log_time": Option("text", help="column of the log, t_s if left out"),
-        "log_command": Option("text", help="column of the log, command_um if left out"),
-        "log_actual": Option("text", help="column of the log, actual_um if left out"),
+        "log_time": Option("text", help="column of the log, t_s if omitted"),
+        "log_command": Option("text", help="column of the log, command_um if omitted"),
+        "log_actual": Option("text", help="column of the log, actual_um if omitted"),
         "follow_up_pv": Option(
             "uncertainty", help='P-V of the follow-up error, where there is no log, "5 nm"'
         ),
@@ -489,7 +489,9 @@ def _other_surface(job: Any, rest: Mapping[str, Any]) -> str:
             f"{format_length(off)}, of the surface {format_length(size)}): the log is of another "
             "part, does not begin at the rim at azimuth 0, or has another speed or sense"
         )
-    return f"{why}. The program is NOT corrected by the log, and its map in the budget is doubtful"
+    return (
+        f"{why}. The program is NOT corrected by the log, and its map in the budget is uncertain"
+    )
 
 
 def _check_predict(rest: Mapping[str, Any]) -> None:

@@ -72,7 +72,7 @@ def _cells(
         p, c = missing[0]
         raise InvalidSamplesError(
             f"part {p} has no reading in condition {c} ({len(missing)} such pairs); every part is "
-            "measured in every condition, or left out"
+            "measured in every condition, or omitted"
         )
     counts = {k: len(v) for k, v in rows.items()}
     if len(set(counts.values())) > 1:

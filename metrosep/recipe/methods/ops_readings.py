@@ -50,10 +50,10 @@ class MachineCalibrated(Method):
         **{k: v for k, v in MACHINE.items() if k != "spindle_errors"},
         "degrees": Option(
             "table",
-            help="highest order of the curves of an axis or a term, { X = 5, EZC = 3 }; if left out 3 "
+            help="highest order of the curves of an axis or a term, { X = 5, EZC = 3 }; if omitted 3 "
             "(harmonics: 2), and more as long as the residuals hold the next",
         ),
-        "terms": Option("texts", help="error terms that may be at work; all if left out"),
+        "terms": Option("texts", help="error terms that may be at work; all if omitted"),
         "home": Option("table", help='where errors of an axis are zero, { X = "0 mm" }'),
         "all_readings": Option(
             "flag", help="true: no reading that contradicts the others is refused"
@@ -191,14 +191,14 @@ class ThermalLearnt(Method):
         ),
         "lags": Option(
             "times",
-            help="time constants to try; from two samples to half of the record if left out",
+            help="time constants to try; from two samples to half of the record if omitted",
         ),
         "blocks": Option("integer", help="of time, each foretold from the others", default=6),
         "most": Option("integer", help="largest number of sensors of a reading", default=3),
         "reference": Option(
             "table",
             help='temperatures at which the errors are zero, { spindle = "20 degC" }; those at the '
-            "beginning if left out",
+            "beginning if omitted",
         ),
         "at": Option(
             "table",

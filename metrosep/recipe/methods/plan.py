@@ -34,21 +34,21 @@ PLAN = {
     "wavelengths": Option(
         "range", required=True, help="shortest and longest wavelength that must become well known"
     ),
-    "length": Option("size", help="travel of each run; that of the separated runs if left out"),
+    "length": Option("size", help="travel of each run; that of the separated runs if omitted"),
     "settle_distance": Option(
         "uncertainty",
         help="part of the travel that is lost while the axis settles",
         default="0 mm",
     ),
     "max_time": Option(
-        "time", help="most time that all new runs together may take; no limit if left out"
+        "time", help="most time that all new runs together may take; no limit if omitted"
     ),
     "min_ratio": Option(
         "number", help="two feedrates are equal or at least this ratio apart", default=1.1
     ),
     "fixed": Option(
         "speeds",
-        help="feedrates of runs that were already done, separated by commas; none if left out",
+        help="feedrates of runs that were already done, separated by commas; none if omitted",
     ),
 }
 

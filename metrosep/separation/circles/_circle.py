@@ -137,7 +137,7 @@ class Revolutions:
             return []
         text = (
             f"{self.n_left_out} of {self.n_given} revolutions have readings that are not measured "
-            "and were left out"
+            "and were omitted"
         )
         return [text]
 
@@ -218,7 +218,7 @@ def turned(samples: FloatArray, angles: FloatArray) -> FloatArray:
 
 _CENTRING = (
     "the offset (k = 0) is the zero of the probes; k = 1 is shared between the centring of the "
-    "artefact and the motion, so both are left out"
+    "artefact and the motion, so both are omitted"
 )
 
 

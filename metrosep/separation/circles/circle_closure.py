@@ -103,7 +103,7 @@ class CircleClosure(RecordedMethod):
         None,
         kind="integers",
         help="divisions by which the artefact was turned on in each set-up, in the order of the "
-        "readings; 0, 1, 2 ... if left out",
+        "readings; 0, 1, 2 ... if omitted",
     )
     table_sign: Literal[-1, 1] = option(
         -1,

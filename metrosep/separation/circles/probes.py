@@ -499,6 +499,6 @@ def _covariance(cov: Any, n: int) -> tuple[tuple[float, ...], ...] | None:
     ):
         raise InvalidSamplesError(
             "cov must be finite and symmetric with variances > 0, in m^2; a probe of no use is "
-            "better left out"
+            "better omitted"
         )
     return tuple(tuple(row) for row in array.tolist())

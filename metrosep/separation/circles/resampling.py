@@ -657,7 +657,7 @@ def _sound_pulses(
     good[list(found)] = False
     if not good.any():
         raise TooFewSamplesError("no revolution between sound index pulses is left")
-    said = tuple(f"left out: {text}" for text in found.values())
+    said = tuple(f"omitted: {text}" for text in found.values())
     return at, good, said
 
 

@@ -644,7 +644,7 @@ def _unseen(
     found, messages = [], []
     terms = tuple(t for t, m in zip(("offset", "eccentricity"), missing[:2], strict=True) if m)
     if terms:
-        found.append(Unobservable(part, "term", terms, "left out by every one of the separations"))
+        found.append(Unobservable(part, "term", terms, "omitted by every one of the separations"))
     lost = [int(k) for k in np.flatnonzero(missing) if k > 1]
     hidden = [suppressed_harmonics(item.null_space, part) for item in separations]
     everywhere = tuple(k for k in lost if all(k in ks for ks in hidden))

@@ -341,7 +341,7 @@ class SpeedTest(NamedMethod):
             "text", required=True, choices=tuple(_PER_SECOND), help="of the column of speeds"
         ),
         "powers": Option("integers", help="of the speed: 0,2 is a constant and unbalance"),
-        "names": Option("texts", help="of the values; those of the columns if left out"),
+        "names": Option("texts", help="of the values; those of the columns if omitted"),
         "natural_frequency": Option(
             "frequency", help="of spindle or mount, to name the speeds whose orders excite it"
         ),

@@ -252,7 +252,7 @@ class SpindleTest(NamedMethod):
         "faults": Option(
             "text",
             choices=("refuse", "drop"),
-            help="drop: revolutions between missing or extra pulses are left out",
+            help="drop: revolutions between missing or extra pulses are omitted",
         ),
     }
 
@@ -573,7 +573,7 @@ class _Evaluation:
             strong = [int(k) for k in beyond if abs(spectrum.mean[k]) > _BIAS * value]
             if strong:
                 named = ", ".join(str(k) for k in strong[:8])
-                said.append(f"harmonics that repeat are left out by kmax={kmax}: k={named}")
+                said.append(f"harmonics that repeat are omitted by kmax={kmax}: k={named}")
         return said
 
     def _circle_messages(self, table: ParameterTable) -> list[str]:

@@ -364,7 +364,7 @@ def _complete(readings: AngleSynchronous) -> AngleSynchronous:
         named = ", ".join(str(d) for d in dropped[:10]) + (" ..." if len(dropped) > 10 else "")
         messages = [m for m in messages if "not measured" not in m]
         messages.append(
-            f"left out {len(dropped)} revolution(s) with samples that were not measured: {named}"
+            f"omitted {len(dropped)} revolution(s) with samples that were not measured: {named}"
         )
         table = table[:, whole]
     if table.shape[1] < 2:

@@ -111,7 +111,7 @@ class MultistepRoundness(CircleMethod):
         "fixed",
         kind="text",
         choices=("fixed", "free"),
-        help="free: the artefact was centred anew at each step, and k = 1 is left out",
+        help="free: the artefact was centred anew at each step, and k = 1 is omitted",
     )
     drift: Literal["none", "linear"] = option(
         "none",
@@ -141,7 +141,7 @@ class MultistepRoundness(CircleMethod):
         "steps": Option(
             "integers",
             help="number of equal steps, several where runs follow one another; as many as there are "
-            "readings if left out",
+            "readings if omitted",
         ),
     }
     truth_parts = ("artefact",)

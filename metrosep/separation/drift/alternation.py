@@ -232,7 +232,7 @@ def _messages(each: FloatArray, sd: float | None) -> tuple[str, ...]:
     missing = int(np.count_nonzero(np.isnan(each)))
     if missing:
         said.append(
-            f"{missing} of {each.size} differences lack a reading: NaN, left out of the mean"
+            f"{missing} of {each.size} differences lack a reading: NaN, omitted from the mean"
         )
     said.append("a drift that is not linear within a sequence remains: see quadratic_gain")
     return tuple(said)
@@ -307,7 +307,7 @@ class AbbaDrift(RecordedMethod):
     what = "A minus B without drift; rows (with time) or columns in the order A B B A"
     roles: ClassVar[Mapping[str, str]] = {"time": "time?"}
     arguments: ClassVar[Mapping[str, Option]] = {
-        "times": Option("times", help="of the columns; equal steps if left out"),
+        "times": Option("times", help="of the columns; equal steps if omitted"),
         "sd": Option("uncertainty", help="standard deviation of one reading"),
     }
     truth_parts = ("difference",)

@@ -356,7 +356,7 @@ def _result(
         intervals[f"c{power}"] = (float(found[i]) - k * u, float(found[i]) + k * u)
     missing = int(np.isnan(residual).sum())
     if missing:
-        said = [*said, f"{missing} of {y.size} readings were not measured: left out"]
+        said = [*said, f"{missing} of {y.size} readings were not measured: omitted"]
     return Dependence(
         powers=powers,
         coefficients=coefficients,

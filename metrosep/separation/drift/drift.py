@@ -358,14 +358,14 @@ class DriftOfChannels(NamedMethod):
             help="which test of ISO 230-3: only names the result",
         ),
         "windows": Option(
-            "windows", help="in which the drift is judged; those of the test if left out"
+            "windows", help="in which the drift is judged; those of the test if omitted"
         ),
         "span": Option(
             "time",
             help="also report the largest range within any window of this length (3600: per hour)",
         ),
         "sd": Option("uncertainty", help="standard deviation of one reading"),
-        "names": Option("texts", help="of the channels; those of the columns if left out"),
+        "names": Option("texts", help="of the channels; those of the columns if omitted"),
     }
 
     @classmethod
@@ -425,7 +425,7 @@ def _messages(
             )
         missing = int(np.isnan(z).sum())
         if missing:
-            said.append(f"{name}: {missing} of {z.size} readings were not measured: left out")
+            said.append(f"{name}: {missing} of {z.size} readings were not measured: omitted")
         widening = 2.0 * noise[name] * math.sqrt(2.0 * math.log(max(times.size, 2)))
         smallest = min(q.value for q in ranges[name])
         if widening > 0.2 * smallest and widening > 0.0:
@@ -486,7 +486,7 @@ class DriftFit(RecordedMethod):
         None, kind="integer", help="pieces of a cubic spline in place of a polynomial"
     )
     reference: float | None = option(
-        None, kind="time", help="time at which the drift is zero; the first one if left out"
+        None, kind="time", help="time at which the drift is zero; the first one if omitted"
     )
 
     name = "joint_drift"
@@ -494,7 +494,7 @@ class DriftFit(RecordedMethod):
     roles: ClassVar[Mapping[str, str]] = {"time": "time?", "label": "label?"}
     arguments: ClassVar[Mapping[str, Option]] = {
         "times": Option("times", help="of the columns, where they follow each other in time"),
-        "labels": Option("texts", help="what was measured each time; one quantity if left out"),
+        "labels": Option("texts", help="what was measured each time; one quantity if omitted"),
         "sd": Option("uncertainty", help="standard deviation of one reading"),
     }
     truth_parts = ("values",)

@@ -501,7 +501,7 @@ def reading_messages(readings: FloatArray, problem: Problem) -> list[str]:
         out.append(text)
     if problem.stations.n_lost_angles:
         out.append(
-            f"at {problem.stations.n_lost_angles} positions the angle was left out: it is the mean of "
+            f"at {problem.stations.n_lost_angles} positions the angle was omitted: it is the mean of "
             "all passes, and a pass lacks a probe there"
         )
     return out
@@ -523,7 +523,7 @@ def null_space_messages(
         length = float(x[-1] - x[0]) + row.offsets[-1] - row.offsets[0]
         keep = "pass zero=0.0 to keep the parabola, " if name == "three_point" else ""
         out.append(
-            "the parabola is not known and left out: a zero error of 1 nm would be a sag of "
+            "the parabola is not known and omitted: a zero error of 1 nm would be a sag of "
             f"{format_length(_sag(row, length) * 1e-9)} over {format_length(length)}; {keep}{PARABOLA}"
         )
     for item in null_space:

@@ -311,7 +311,7 @@ def _messages(
 ) -> tuple[str, ...]:
     said = []
     if curve.n_invalid:
-        said.append(f"{curve.n_invalid} of {len(curve)} samples were not measured: left out")
+        said.append(f"{curve.n_invalid} of {len(curve)} samples were not measured: omitted")
     u, bias = noise[reference]
     if bias > _NOTABLE * u:
         said.append(

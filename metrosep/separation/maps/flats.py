@@ -118,7 +118,7 @@ class ThreeFlat(MapMethod):
     dy: float | None = None
     centre: tuple[float, float] | None = None
     radius: float | None = option(
-        None, kind="size", help="of the Zernike terms; of what was measured if left out"
+        None, kind="size", help="of the Zernike terms; of what was measured if omitted"
     )
     removed: tuple[str, ...] = removed_option()
     u_registration: ArrayLike = option(

@@ -225,7 +225,7 @@ class Stitching(SeparationMethod):
     accepts = ("Surface", "Profile")
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
-        "positions": Option("places", help="of the maps; those of the files if left out"),
+        "positions": Option("places", help="of the maps; those of the files if omitted"),
         "rotations": Option("angles", help="of the maps"),
         "reference": Option(
             "text",

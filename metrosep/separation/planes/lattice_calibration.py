@@ -111,7 +111,7 @@ class GridCalibration(RecordedMethod):
     """
 
     pitch: float = option(
-        kind="size", required=False, help="of the grid; the step of the table if left out"
+        kind="size", required=False, help="of the grid; the step of the table if omitted"
     )
     placements: tuple[Placement, ...] = _INITIAL_ROTATED_SHIFTED
     repeats: Repeats = option(

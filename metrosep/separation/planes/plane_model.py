@@ -325,7 +325,7 @@ def _messages(
         if isinstance(item, ErrorEstimate) and used.value == 0.0:
             out.append(
                 f"the line of the estimate along {axis} ({item.slope.value * 1e6:.3g} urad) is that "
-                f"of axis and artefact together and is left out; give {name} if it is known apart"
+                f"of axis and artefact together and is omitted; give {name} if it is known apart"
             )
     for axis, s in (("x", s_x), ("y", s_y)):
         if np.isnan(s).all():

@@ -191,7 +191,7 @@ def evidence_table(
     messages += unsteady
     if len(runs) < n_given:
         messages.append(
-            f"{n_given - len(runs)} of {n_given} runs were left out, so that every feedrate has "
+            f"{n_given - len(runs)} of {n_given} runs were omitted, so that every feedrate has "
             "as many: else the feedrate with most runs would decide"
         )
     audit = {
@@ -250,7 +250,7 @@ class EvidenceOfTable(NamedMethod):
             "text", choices=("forward", "reverse"), help="the runs that are looked at"
         ),
         "start": Option("length", help="where the evaluation range begins"),
-        "length": Option("size", help="of the evaluation range; the common travel if left out"),
+        "length": Option("size", help="of the evaluation range; the common travel if omitted"),
         "shortest": Option("size", help="shortest wavelength that is looked at"),
         "bandwidth": Option("frequency", help="of the sensor"),
         "false_discovery_rate": Option(
@@ -723,7 +723,7 @@ def _left_out(solution: Solution, runs: RunSet) -> list[str]:
     amplitude = np.where(known, np.array(columns["amplitude_nm"]), 0.0)
     k = int(np.argmax(amplitude))
     sentence = (
-        f"waves below {shortest / _MM:.3g} mm were left out as stated, but the runs repeat some: one of "
+        f"waves below {shortest / _MM:.3g} mm were omitted as stated, but the runs repeat some: one of "
         f"{wavelength[k]:.3g} mm, {amplitude[k]:.2g} nm, is neither in the estimate nor in its "
         "uncertainty; state a shorter shortest= (command line: --shortest)"
     )

@@ -155,7 +155,7 @@ class RunChecks:
         if not used:
             raise DataError(f"exclude={exclude!r} leaves no run of {len(runs)}")
         columns = {**self.columns, "used": [i not in out for i in range(len(runs))]}
-        left = [f"run {names[i]} was left out (exclude={exclude!r})" for i in sorted(out)]
+        left = [f"run {names[i]} was omitted (exclude={exclude!r})" for i in sorted(out)]
         selected = (
             runs
             if not out

@@ -773,7 +773,7 @@ def _messages(
         said.append(f"{alone} point(s) have no redundancy left by the gaps: no uncertainty there")
     missing = int(np.count_nonzero(np.isnan(table)))
     if missing:
-        said.append(f"{missing} of {table.size} readings were not measured: left out")
+        said.append(f"{missing} of {table.size} readings were not measured: omitted")
     lost = int(np.count_nonzero(np.isnan(parts["values"]).any(axis=0)))
     if lost:
         said.append(f"{lost} point(s) have too few readings for a quantity: NaN")

@@ -223,7 +223,7 @@ def _without_spikes(runs: RunSet) -> tuple[RunSet, dict[str, Any], list[str]]:
         "run": [r.run_id for r in runs],
         "rejected": share,
     }
-    said = f"robust mean: {100 * left_out:.2g} % of the readings were left out"
+    said = f"robust mean: {100 * left_out:.2g} % of the readings were omitted"
     if n:
         said += (
             f" ({n}); the largest is {largest['largest_nm']:.4g} nm off, in run "

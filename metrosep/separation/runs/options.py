@@ -36,7 +36,7 @@ class JointOptions:
     lines: Literal["auto"] | tuple[float, ...] = option(
         (),
         kind="frequencies",
-        help="frequencies of vibrations that are taken out as sines; auto looks for them; none if left out",
+        help="frequencies of vibrations that are removed as sines; auto looks for them; none if omitted",
         of=("joint",),
     )
     line_phase: Literal["free", "locked"] = option(
@@ -82,7 +82,7 @@ class JointOptions:
     waves: tuple[float, ...] = option(
         (),
         kind="lengths",
-        help="wavelengths that the machine may have, such as its leads: where the search for waves starts; free if left out",
+        help="wavelengths that the machine may have, such as its leads: where the search for waves starts; free if omitted",
         of=("joint",),
     )
     slip: Literal["geometry", "sparse"] = option(
@@ -102,7 +102,7 @@ class JointOptions:
     position_reference: str = option(
         "",
         kind="text",
-        help="name of the run that lies at its place; the offsets of all runs have the sum zero if left out",
+        help="name of the run that lies at its place; the offsets of all runs have the sum zero if omitted",
         of=("joint",),
     )
 
@@ -222,11 +222,11 @@ RUN_OPTIONS: Mapping[str, Option] = {
     ),
     "length": Option(
         "size",
-        help="length of the evaluation range; up to the end of the common travel if left out",
+        help="length of the evaluation range; up to the end of the common travel if omitted",
     ),
     "shortest": Option(
         "size",
-        help="shortest wavelength of the model; chosen from the data if left out",
+        help="shortest wavelength of the model; chosen from the data if omitted",
         of=("joint", "kono"),
     ),
     "lag": Option(
@@ -237,7 +237,7 @@ RUN_OPTIONS: Mapping[str, Option] = {
     ),
     "exclude": Option(
         "texts",
-        help="runs that are left out, by name; suspect leaves out all in which a fault was found",
+        help="runs that are omitted, by name; suspect leaves out all in which a fault was found",
     ),
     "accept": Option(
         "texts", help="runs that are kept although they are refused, by name, or suspect"
@@ -256,12 +256,12 @@ RUN_OPTIONS: Mapping[str, Option] = {
     ),
     "sigma_t": Option(
         "number",
-        help="a wavelength repeats where the standard deviation over the feedrates lies below this, in SI; 5e-8 m, 5e-14 m^2 or 5e-17 m^3 after norm if left out, 0.05 where relative",
+        help="a wavelength repeats where the standard deviation over the feedrates lies below this, in SI; 5e-8 m, 5e-14 m^2 or 5e-17 m^3 after norm if omitted, 0.05 where relative",
         of=("kono",),
     ),
     "p_t": Option(
         "number",
-        help="a wavelength counts where its mean over the feedrates lies above this, in SI; 1e-8 m, 1e-14 m^2 or 1e-17 m^3 after norm if left out",
+        help="a wavelength counts where its mean over the feedrates lies above this, in SI; 1e-8 m, 1e-14 m^2 or 1e-17 m^3 after norm if omitted",
         of=("kono",),
     ),
     "norm": Option(
@@ -293,7 +293,7 @@ RUN_OPTIONS: Mapping[str, Option] = {
     ),
     "modelling_length": Option(
         "size",
-        help="longest wavelength of the series; the evaluation range over the flat part of the weight if left out",
+        help="longest wavelength of the series; the evaluation range over the flat part of the weight if omitted",
         of=("kono",),
     ),
     "values": Option(
@@ -305,7 +305,7 @@ RUN_OPTIONS: Mapping[str, Option] = {
     ),
     "feed": Option(
         "speed",
-        help="the runs of this feedrate give the values; for kono the middle one, for mean all runs if left out",
+        help="the runs of this feedrate give the values; for kono the middle one, for mean all runs if omitted",
         of=("kono", "mean"),
     ),
     "averaging": Option(
@@ -342,7 +342,7 @@ RUN_OPTIONS: Mapping[str, Option] = {
     ),
     "probes": Option(
         "texts",
-        help="name of the probe of each run, separated by commas; from the files if left out",
+        help="name of the probe of each run, separated by commas; from the files if omitted",
         of=("joint",),
     ),
     **options_of(JointOptions),

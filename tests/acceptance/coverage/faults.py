@@ -217,7 +217,7 @@ def sentences_about(fault, messages):
 
 def runs_named(messages):
     """Runs, or feedrates, of the messages that begin with a finding about one."""
-    pattern = r"run ([\w.-]+)(?!\S)(?! was left out)|the runs at (\S+ mm/min) are displaced"
+    pattern = r"run ([\w.-]+)(?!\S)(?! was omitted)|the runs at (\S+ mm/min) are displaced"
     found = (re.match(pattern, text) for text in messages)
     return {m[1] or m[2] for m in found if m}
 

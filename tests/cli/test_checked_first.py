@@ -1,0 +1,101 @@
+"""What can be known without data is refused before data are read, and all of it at once."""
+
+import pytest
+
+RUNS = "runs.csv"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rows = [
+        f"{r},{600 * (1 + r % 2)},{x / 10},{0.1 * ((x * 7 + r * r * x) % 5) + 0.01 * ((x * x + 3 * r) % 7)}"
+        for r in range(4)
+        for x in range(60)
+    ]
+    (tmp_path / RUNS).write_text("run,feed_mm_min,x_mm,z_um\n" + "\n".join(rows) + "\n", "utf-8")
+    (tmp_path / "file").write_text("x", "utf-8")
+    return tmp_path
+
+
+def never_read(monkeypatch):
+    def read(*_, **__):
+        raise AssertionError("the data were read")
+
+    monkeypatch.setattr("metrosep.io.runs.read_runs", read)
+
+
+COLUMNS = ("--x", "x_mm", "--z", "z_um", "--run", "run", "--feed", "feed_mm_min")
+SEPARATE = ("separate", RUNS, *COLUMNS, "--method", "mean", "--compensates", "Z")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--table", "csv=x.csv; spacng=1 mm"), "did you mean spacing?"),
+        (("--table", "csv=gone/x.csv"), "the folder gone does not exist"),
+        (("--table", "csv=file/x.csv"), "the folder file does not exist"),
+        (("-o", "file/out"), "file is a file, not a folder"),
+        (("--table", "csv=x.csv; spacing=1 deg"), "1 deg"),
+        (("--table", "pmac=x.pmc"), "count"),
+    ],
+)
+def test_a_wrong_option_costs_no_reading(metrosep, folder, monkeypatch, words, says):
+    never_read(monkeypatch)
+    code, out, err = metrosep(*SEPARATE, *words)
+    assert code == 2
+    assert says in err
+    assert not out
+    assert sorted(p.name for p in folder.iterdir()) == ["file", RUNS]
+
+
+def test_options_of_one_table_stand_behind_it(metrosep, folder):
+    found = [
+        metrosep(*SEPARATE, "--print-recipe", "--table", text)[1]
+        for text in ("csv=x.csv; spacing=0.5 mm; axis=X", 'csv=x.csv,spacing="0.5 mm",axis=X')
+    ]
+    assert 'spacing = "0.5 mm"' in found[0]
+    assert found[0].replace('""', '"') == found[1].replace('"\\"', '"').replace('\\""', '"')
+
+
+def test_all_missing_options_are_listed_with_the_columns_of_the_file(metrosep, folder):
+    code, _, err = metrosep("separate", RUNS, "--run", "run")
+    assert code == 2
+    assert "'--x' and '--z'; runs.csv has run, feed_mm_min, x_mm, z_um" in err
+
+
+def test_a_reference_that_no_run_reaches_is_refused_before_separating(metrosep, folder):
+    code, _, err = metrosep(*SEPARATE, "--table", "csv=x.csv", "--reference", "900 mm")
+    assert code == 2
+    assert "outside the travel of the runs, X = 0 mm ... X = 5.9 mm" in err
+    assert "separating" not in err
+
+
+def test_the_last_line_names_the_next_command(metrosep, folder):
+    err = metrosep("separate", RUNS, *COLUMNS, "--method", "mean", "-o", "out")[2]
+    assert err.splitlines()[-1] == "next: metrosep table out --compensates AXIS -o x.comp"
+
+
+def test_fields_of_the_report_are_stated_where_a_report_is_written(metrosep, folder):
+    import numpy as np
+
+    import metrosep as ms
+
+    ms.write(ms.Surface(1e-9 * np.arange(400.0).reshape(20, 20) % 7, 1e-6, 1e-6), "a.sdf")
+    stated = ("--report", "item.serial=A 12", "--report", "number=2026-7")
+    code, _, err = metrosep("measure", "a.sdf", "--params", "Sq", "-o", "out", *stated)
+    assert code == 0, err
+    page = (folder / "out" / "report.html").read_text("utf-8")
+    assert "A 12" in page
+    assert "2026-7" in page
+    assert "add -o DIR" in metrosep("measure", "a.sdf", *stated)[2]
+    (folder / "b.toml").write_text(
+        'metrosep = 1\n[input]\nfiles = "*.sdf"\n[[step]]\nop = "parameters"\nnames = ["Sq"]\n'
+        '[report]\nnumber = "1"\n[[output]]\nkind = "report"\nformats = ["html"]\n',
+        "utf-8",
+    )
+    code, _, err = metrosep("batch", "b.toml", ".", "-o", "qa", "--scheduler", "serial", *stated)
+    assert code == 0, err
+    pages = [p.read_text("utf-8") for p in (folder / "qa").rglob("report.html")]
+    assert pages
+    assert all("2026-7" in p for p in pages)
