@@ -49,6 +49,10 @@ _NOTHING = 1e-6
 """Of a polynomial: what is left of it beside the model counts as rounding below this."""
 _LEAST_ORDER = 0.7
 """A piston stands below the lowest frequency of the map."""
+_STEEPEST = 4.0
+"""Exponent of the steepest power law that surfaces have (f^-4: metrology-2, 7.2)."""
+_BY_CHANCE = 1.645
+"""Standard deviations: 5 % on one side."""
 _PSI = 0.5772156649
 """Minus the mean of the logarithm of a mean of two squares of noise."""
 
@@ -331,9 +335,8 @@ def _next_to_the_model(
     """Return the covariance that the polynomials beside the model ask for, their number, and a flag.
 
     m_d is the mean square of the residual along the orthonormal polynomials of degree d, of which
-    nothing lies in the model; log m_d = a - b log d, b >= 0. A column of Q of degree o has the
-    variance exp(a - b log o) (8), from s^2 to a bound by energy (`_held`); then
-    cov = R^-1 diag(v) R^-T (9). The flag says that the bound was at work.
+    nothing lies in the model, continued to the degree o of each column of Q (8; `_continued`), from s^2
+    to a bound by energy (`_held`); then cov = R^-1 diag(v) R^-T (9). The flag says that the bound was at work.
     """
     Q, R, r = _factors(J, r)
     N, p = Q.shape
@@ -371,15 +374,40 @@ def _next_to_the_model(
     usable = [i for i, m in enumerate(powers) if m > 0.0]
     if usable:
         logs = np.log([powers[i] for i in usable])
-        at, w = np.log([degrees[i] for i in usable]), np.array([numbers[i] for i in usable])
-        middle, mean = np.average(at, weights=w), np.average(logs, weights=w)
-        spread = float(w @ np.square(at - middle))
-        b = max(-float(w @ ((at - middle) * (logs - mean))) / spread, 0.0) if spread else 0.0
+        w = np.array([numbers[i] for i in usable], dtype=np.float64)
+        at = np.array([degrees[i] for i in usable])
         known = ~np.isnan(order)
-        rise = b * (np.log(np.maximum(order[known], _LEAST_ORDER)) - middle)
-        law = np.exp(np.minimum(mean - rise, 300.0))
+        law = np.exp(np.minimum(_continued(at, logs, w, order[known], is_line=is_line), 300.0))
         level[known], bounded = _held(law, order[known], s2, float(r @ r))
     return np.asarray((inverse * level) @ inverse.T), n_functions, bounded
+
+
+def _continued(
+    degrees: FloatArray, logs: FloatArray, weights: FloatArray, order: FloatArray, *, is_line: bool
+) -> FloatArray:
+    """Return the logarithm of the power at the orders of a model, from that at the degrees beside it.
+
+    A surface of spectrum f^-B has log m = a - B log d. Of deviations that are smooth over a part of the
+    map no power law is true: what is analytic falls as the d-th power of a number (Bernstein), so
+    log m = a - c d. That law is taken where a power law would be steeper than any surface's, by more
+    than chance makes of so few functions.
+    """
+
+    def line(x: FloatArray) -> tuple[float, float, float, float]:
+        middle, mean = np.average(x, weights=weights), np.average(logs, weights=weights)
+        spread = float(weights @ np.square(x - middle))
+        fall = (
+            max(-float(weights @ ((x - middle) * (logs - mean))) / spread, 0.0) if spread else 0.0
+        )
+        return float(middle), float(mean), fall, spread
+
+    middle, mean, fall, spread = line(np.log(degrees))
+    # The logarithm of a mean of n squares has the variance 2 / n, of a mean of two pi^2 / 6.
+    variance = np.pi**2 / 6.0 if is_line else 2.0
+    if spread and fall - _BY_CHANCE * np.sqrt(variance / spread) > _STEEPEST:
+        middle, mean, fall, _ = line(degrees)
+        return np.asarray(mean - fall * (order - middle))
+    return np.asarray(mean - fall * (np.log(np.maximum(order, _LEAST_ORDER)) - middle))
 
 
 def _held(law: FloatArray, order: FloatArray, s2: float, left: float) -> tuple[FloatArray, bool]:
