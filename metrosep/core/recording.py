@@ -62,7 +62,7 @@ class Recording(PublicObject):
         history: tuple[Step, ...] = (),
     ) -> None:
         ts = frozen_float(t, name="t", ndim=1)
-        if np.isnan(ts).any() or (np.diff(ts) <= 0).any():
+        if np.isnan(ts).any() or (ts[1:] <= ts[:-1]).any():
             raise InvalidSamplesError("time t must be finite and strictly increasing, in seconds")
         columns = {k: frozen_float(v, name=f"channel {k!r}", ndim=1) for k, v in channels.items()}
         for name, column in columns.items():

@@ -147,11 +147,13 @@ class Block:
 def joined(blocks: Iterable[Block], labels: Sequence[bool], size: int) -> Block:
     """Return blocks one below the other, each given up once it is taken; `size` is a guess of the rows."""
     n = 0
-    lines = np.empty(size, dtype=np.int64)
+    lines: Any = np.empty(size, dtype=np.int32 if size < 2**30 else np.int64)
     columns: list[Any] = [[] if label else np.empty(size) for label in labels]
     for block in blocks:
         end = n + block.lines.size
         if end > lines.size:  # memory that nothing is written to costs nothing
+            if end + end // 4 >= 2**31:
+                lines = lines.astype(np.int64)
             for kept in (lines, *(c for c in columns if not isinstance(c, list))):
                 kept.resize(end + end // 4, refcheck=False)
         lines[n:end] = block.lines
@@ -714,7 +716,9 @@ def marker_of(values: FloatArray) -> tuple[float, float, bool] | None:
     value further than 5 R away is sure; one that repeats, beyond 0.5 R, and any other that repeats,
     beyond 20 R, are not.
     """
-    rest = values[np.isfinite(values)]
+    finite = np.isfinite(values)
+    rest = values if finite.all() else values[finite]
+    del finite
     most = rest.size / 2
     aside: list[float] = []
     near: tuple[float, float, bool] | None = None

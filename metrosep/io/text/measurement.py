@@ -337,7 +337,8 @@ class _Made:
         """Return channels over the column of time, or over rows of one rate."""
         table = self.table
         t = np.empty(0) if timed is None or timed.values is None else timed.values
-        repeats = np.flatnonzero(np.diff(t) == 0.0)
+        rises = bool((t[1:] > t[:-1]).all())
+        repeats = np.flatnonzero(t[1:] == t[:-1]) if not rises else np.empty(0, dtype=np.intp)
         if repeats.size and sampling_rate is not None:
             self.table = table = replace(
                 table, columns=tuple(c for c in table.columns if timed and c.name != timed.name)
@@ -367,7 +368,7 @@ class _Made:
                     f"line {line} has no time ({unknown.size} such row(s)); correct it, or leave the line out "
                     f"with skip_lines='{line}'"
                 )
-            falls = np.flatnonzero(np.diff(t) < 0.0)
+            falls = np.empty(0, dtype=np.intp) if rises else np.flatnonzero(np.diff(t) < 0.0)
             if (
                 falls.size
                 and timed.name in table.header.get("clocks", ())
@@ -391,11 +392,17 @@ class _Made:
             for c in chosen
             if c.values is not None
         }
+        for own in (t, *values.values()):  # made here, so that the recording need not copy them
+            own.setflags(write=False)
         if not any(np.isfinite(v).any() for v in values.values()):
             raise self.mismatch("no channel holds a number beside the time; nothing was measured")
         units = {c.name: SI_NAMES.get(c.unit.dimension, "") for c in chosen if c.unit is not None}
         self.used["channels"] = tuple(values)
-        return Recording(t, values, units=units, **self.described())
+        described = self.described()
+        if rises:  # else the runs in the table may be what is meant
+            self.table = replace(self.table, columns=(), lines=table.lines[:0].copy())
+            del table, timed, chosen
+        return Recording(t, values, units=units, **described)
 
     def other(self, spec: ColumnSpec, role: str) -> str:
         """Return the name of the column of numbers beside the one that was named."""

@@ -365,7 +365,8 @@ def refuse_markers(
     for column in () if options.missing is not None else columns:
         if column.values is None:
             continue
-        whole = float(np.abs(column.values).max(initial=0.0, where=np.isfinite(column.values)))
+        most = float(np.fmax.reduce(column.values, initial=0.0))
+        whole = max(most, -float(np.fmin.reduce(column.values, initial=0.0)))
         if whole > _WHOLE and column.unit is not None and column.unit.dimension == "time":
             step = np.spacing(whole) * column.unit.factor
             found.append(
