@@ -317,7 +317,7 @@ def _tables(
 
     over, positions, reference = (common.pop(k) for k in ("over", "positions", "reference"))
     made = tables_over(chain, terms, over, positions, reference, **common)
-    wanted = {(made.over, axis): (table, _own_error(made, axis)) for axis, table in made.items()}
+    wanted = {(made.over, axis): (table, *_own_error(made, axis)) for axis, table in made.items()}
     ready, lookups = _prepared(wanted, name, folder, options, force=force)
     where = made.between()
     before, after = (
@@ -329,8 +329,8 @@ def _tables(
     return _written(ready, before, after, made.messages, "nodes and between", options)
 
 
-def _own_error(made: MachineTables, axis: str) -> Callable[..., Any]:
-    """Return by how much the commands of an axis are wrong, about the reference, over the looked-up axes."""
+def _own_error(made: MachineTables, axis: str) -> tuple[Callable[..., Any], float]:
+    """Return by how much the commands of an axis are wrong, about the reference, and the P-V at the nodes."""
     import numpy as np
 
     table = made[axis]
@@ -349,7 +349,7 @@ def _own_error(made: MachineTables, axis: str) -> Callable[..., Any]:
         parts = np.einsum("...i,...i->...", inverse[..., k, :], found[..., made.source.known])
         return parts - offset
 
-    return error
+    return error, float(np.ptp(error(*np.meshgrid(*made.source.grid, indexing="ij"))))
 
 
 # ---- three axes ---------------------------------------------------------------------------------
@@ -367,7 +367,7 @@ def _volume(
     if name == "grid":
         ready, judged = _judged_grid(made, folder, force=force)
         return {**_grid_written(made, ready, judged, options), "verification": judged}
-    wanted: dict[tuple[tuple[str, ...], str], tuple[Any, Any]] = {}
+    wanted: dict[tuple[tuple[str, ...], str], tuple[Any, Any, float]] = {}
     for (looked, axis), table in made.parts.items():
         place = dict(zip(made.over, common["reference"] or _zero(made), strict=True))
         alone = tables_over(
@@ -375,7 +375,7 @@ def _volume(
             at={**common["at"], **{a: v for a, v in place.items() if a != looked}},
             **({"tool": common["tool"]} if "tool" in common else {}),
         )  # fmt: skip
-        wanted[(looked,), axis] = (table, _own_error(alone, axis))
+        wanted[(looked,), axis] = (table, *_own_error(alone, axis))
     ready_tables, lookups = _prepared(wanted, name, folder, options, force=force)
     by_pair = {(k[0], a): f for (k, a), f in lookups.items()}
     places = made.between()
@@ -500,7 +500,7 @@ def _grid(made: MachineVolume, folder: Path, *, force: bool) -> Prepared:
 
 
 def _prepared(
-    wanted: Mapping[tuple[tuple[str, ...], str], tuple[Any, Any]],
+    wanted: Mapping[tuple[tuple[str, ...], str], tuple[Any, Any, float]],
     name: str,
     folder: Path,
     options: dict[str, Any],
@@ -525,8 +525,9 @@ def _prepared(
     ready: list[Prepared] = []
     lookups: dict[tuple[tuple[str, ...], str], Callable[..., Any]] = {}
     with tempfile.TemporaryDirectory(prefix="metrosep-machine-") as temporary:
-        for key, (table, error) in wanted.items():
-            if table.stroke < ZERO:
+        for key, (table, error, size) in wanted.items():
+            # what the corrections of other axes add to it, second order, is judged with all files together
+            if table.stroke < ZERO or size < ZERO:
                 say(
                     f"note: {key[1]} over {', '.join(key[0])} needs no correction and gets no file"
                 )

@@ -25,6 +25,10 @@ __all__ = ["read_term_table", "table_texts", "term_texts"]
 _MOST_BYTES = 2**26
 
 
+_U = "u_"
+"""Before the name of a term: its standard uncertainty."""
+
+
 def read_term_table(
     file: str | os.PathLike[str], kinds: Mapping[str, str]
 ) -> dict[str, tuple[TableTerm, tuple[float, float]]]:
@@ -33,7 +37,7 @@ def read_term_table(
     Parameters
     ----------
     file : str or path
-        Such as ``x_mm,EXX_um,EBX_urad``.
+        Such as ``x_mm,EXX_um,EBX_urad``; ``u_EXX_um`` is the standard uncertainty of EXX.
     kinds : mapping of str to {"length", "angle"}
         What the positions of each axis of the machine are.
 
@@ -71,6 +75,8 @@ def read_term_table(
     names: list[str] = []
     for k, column in enumerate(lines[0][1]):
         name, _, unit = column.rpartition("_")
+        spread = name.startswith(_U) and k > 0
+        name = name.removeprefix(_U) if spread else name
         if k == 0 and name.lower() not in axes:
             raise DataError(
                 f"{file}: the first column is {column!r}; the position is needed there, an axis of the machine "
@@ -81,12 +87,14 @@ def read_term_table(
             raise DataError(
                 f"{file}: {column!r} is not an error of {names[0]}, whose positions the file has"
             )
-        if own in names:
-            raise DataError(f"{file}: {own} is there twice; leave one of its columns")
+        if (_U + own if spread else own) in names:
+            raise DataError(f"{file}: {column} is there twice; leave one of its columns")
         angle = kinds[own] == "angle" if k == 0 else is_angle(own)
         dimension = "angle" if angle else "length"
         scales.append(parse_quantity(f"1 {unit}", dimension=dimension, name=f"{file}: {column}"))
-        names.append(own)
+        names.append(_U + own if spread else own)
+    if alone := [n for n in names if n.startswith(_U) and n.removeprefix(_U) not in names]:
+        raise DataError(f"{file}: {alone[0]} is the uncertainty of a term that is not there")
     rows = []
     for number, cells in lines[1:]:
         try:
@@ -96,10 +104,13 @@ def read_term_table(
         if len(row) != len(names):
             raise DataError(f"{file}: line {number} has not {len(names)} numbers")
         rows.append(row)
-    columns = [[row[k] * scale for row in rows] for k, scale in enumerate(scales)]
-    span = (columns[0][0], columns[0][-1])
+    columns = {n: [row[k] * scales[k] for row in rows] for k, n in enumerate(names)}
+    place = columns.pop(names[0])
+    span = (place[0], place[-1])
     return {
-        n: (TableTerm(columns[0], c), span) for n, c in zip(names[1:], columns[1:], strict=True)
+        n: (TableTerm(place, c, columns.get(_U + n, 0.0)), span)
+        for n, c in columns.items()
+        if not n.startswith(_U)
     }
 
 
@@ -149,9 +160,12 @@ def term_texts(
         x = np.linspace(low, high, 361 if turns else 101)
         columns = [np.degrees(x) if turns else x * 1e3]
         head = [f"{axis.lower()}_{'deg' if turns else 'mm'}"]
-        for name in names:
-            head.append(f"{name}_{'urad' if is_angle(name) else 'um'}")
-            columns.append(np.asarray(terms[name].evaluate(x)) * 1e6)
+        values = {n: np.asarray(terms[n].evaluate(x)) for n in names}
+        spreads = {_U + n: np.asarray(terms[n].sd(x)) for n in names}
+        known = {n: v for n, v in spreads.items() if np.isfinite(v).all() and v.any()}
+        for name, column in {**values, **known}.items():
+            head.append(f"{name}_{'urad' if is_angle(name.removeprefix(_U)) else 'um'}")
+            columns.append(column * 1e6)
         rows = [",".join(f"{v:.9f}" for v in row) for row in np.column_stack(columns)]
         texts[term_file(names[0], is_constant=False)] = "\n".join([",".join(head), *rows]) + "\n"
     return texts

@@ -590,3 +590,28 @@ def test_the_folder_of_a_calibration_stands_for_its_own_terms_alone(metrosep, st
     )
     assert code in (2, 4)
     assert "X.csv: the calibration names it" in err
+
+
+@pytest.mark.parametrize("tilt", ["0 deg", "30 deg"])
+def test_an_axis_that_only_rounding_and_the_other_corrections_move_gets_no_file(
+    metrosep, tmp_path, monkeypatch, tilt
+):
+    """ECY and the correction of X make a second-order error of Y of some pm: nothing that a table is for."""
+    monkeypatch.chdir(tmp_path)
+    y = np.arange(-200.0, 201.0, 20.0)
+    rows = [f"{v:g},{3 * np.sin(v / 50):.4f},{5 * np.sin(v / 70):.4f}" for v in y]
+    (tmp_path / "y.csv").write_text("\n".join(["y_mm,EXY_um,ECY_urad", *rows, ""]))
+    at = [w for a in ("X=0 mm", "Z=0 mm", f"A={tilt}", "C=40 deg") for w in ("--at", a)]
+
+    code, printed, err = metrosep(
+        "machine-tables", "five_axis", "y.csv", "--pivot-height", "80 mm", "--over", "Y", *at,
+        "--spacing", "20 mm", "-o", "out", "--json",
+    )  # fmt: skip
+
+    assert code == 0, err
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["y-x.csv", "y-x.csv.json"]
+    assert "Y over Y needs no correction and gets no file" in err
+    assert json.loads(printed)["after_rms_m"] < 1e-3 * json.loads(printed)["before_rms_m"]
+    place, correction = columns(tmp_path / "out" / "y-x.csv")[:2]
+    # ECY turns the tool about the reference of Y, so X is what EXY says; the correction is its negative
+    assert np.abs(correction + 3 * np.sin(place / 50)).max() < 2e-3

@@ -287,7 +287,7 @@ def test_a_recipe_reads_several_parts_and_writes_the_curves(tmp_path, monkeypatc
     recipe = Recipe.parse(RECIPE.format(orders=4), name="curves", folder=tmp_path)
     recipe.run(out=tmp_path / "out")
     head, *rows = (tmp_path / "out" / "C.csv").read_text().splitlines()
-    assert head == "c_deg,EXC_um,EZC_um,EBC_urad"
+    assert head == "c_deg,EXC_um,EZC_um,EBC_urad,u_EXC_um,u_EZC_um,u_EBC_urad"
     c = np.array([[float(v) for v in row.split(",")] for row in rows])
     assert c[:, 2] * 1e-6 == pytest.approx(axial(np.radians(c[:, 0])), abs=5e-9)
     assert c[:, 3] * 1e-6 == pytest.approx(tilting(np.radians(c[:, 0])), abs=3e-7)

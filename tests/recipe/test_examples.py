@@ -63,6 +63,9 @@ NAMES = [
     "cut_path/toric.toml",
     "cut_path/asphere.toml",
     "cut_path/again.toml",
+    "cut_budget/budget.toml",
+    "cut_budget/motion.toml",
+    "stage_hysteresis/stage.toml",
     "mill_instruments/indicator.toml",
     "mill_instruments/level.toml",
     "mill_instruments/laser_linear.toml",
@@ -75,7 +78,7 @@ NAMES = [
 NO_RECIPE = {"fts_lathe/machine.toml", "volumetric_map/machine.toml", "carriers/recipe.toml"}
 """Chains of axes; the carriers have tests of their own (test_carrier_examples.py)."""
 
-NO_CHART = {"fiducials/recipe.toml"}
+NO_CHART = {"fiducials/recipe.toml", "cut_budget/motion.toml"}
 
 
 LONG = {

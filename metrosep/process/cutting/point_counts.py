@@ -25,6 +25,8 @@ from metrosep.process.nose import RoundNose
 from metrosep.process.path_points import PointPlan, SpiralPath, fewest_between, plan_of
 from metrosep.process.tips import Edge, TipSurface, tips
 
+__all__ = ["fewest_on_the_cut"]
+
 _SPREAD, _EXTREME, _SEED = 6_000, 1_500, 2028
 """Places at random over the part, and contacts where the path is furthest off, half on either side."""
 _DENSER = {"linear": 1, "spline": 3, "pvt": 3}
