@@ -98,3 +98,25 @@ export function makeTabs(strip, entries, context) {
     },
   };
 }
+
+/** Parts of a narrow page: one at a time. The wide page shows them all. @param {HTMLElement} bar */
+export function listenToParts(bar) {
+  const buttons = /** @type {HTMLElement[]} */ ([...bar.querySelectorAll("[data-part]")]);
+  function choose(/** @type {HTMLElement} */ chosen) {
+    document.body.dataset.part = chosen.dataset.part;
+    for (const one of buttons) {
+      one.setAttribute("aria-selected", String(one === chosen));
+      one.tabIndex = one === chosen ? 0 : -1;
+    }
+  }
+  buttons.forEach((one, i) => {
+    one.addEventListener("click", () => choose(one));
+    one.addEventListener("keydown", (event) => {
+      const by = { ArrowRight: 1, ArrowLeft: -1 }[/** @type {KeyboardEvent} */ (event).key];
+      if (!by) return;
+      const next = buttons[(i + by + buttons.length) % buttons.length];
+      choose(next);
+      next.focus();
+    });
+  });
+}

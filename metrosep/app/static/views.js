@@ -11,6 +11,7 @@ import profileWidget from "./profile.js";
 import { bandOf, bandView, sectionOf, sectionView } from "./remember.js";
 import sectionWidget from "./section.js";
 import spectrumWidget from "./spectrum.js";
+import { listenToParts } from "./tabs.js";
 import { makeModel, Refusal, Superseded } from "./wire.js";
 
 /** @typedef {import("./ladder.js").Level} Level */
@@ -89,6 +90,8 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     askRelief();
   });
   el("relief-save").addEventListener("click", () => relief?.picture().toBlob((blob) => blob && download(blob, "map-3d.png")));
+
+  listenToParts(el("parts"));
 
   /** Errors of a picture are shown in it; the rest of the page goes on. */
   function refused(/** @type {unknown} */ error, /** @type {(text: string) => void} */ show) {

@@ -1,0 +1,73 @@
+"""Narrow windows: nothing scrolls sideways, the map takes the width, each part is reached."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.browser
+
+Opened = Callable[..., Any]
+NARROW = [(390, 844), (683, 384), (320, 640)]
+"""A telephone; 1366 x 768 at 200 %; the narrowest that WCAG 1.4.10 asks for."""
+
+SEEN = "((id) => { const b = document.getElementById(id).getBoundingClientRect(); return b.width * b.height > 0; })"
+SMALL = """[...document.querySelectorAll('#topbar button, #tabs button, #parts button, #tools button, .panel > header button')]
+.filter((e) => e.offsetWidth && (e.offsetWidth < 24 || e.offsetHeight < 24)).map((e) => e.id || e.textContent)"""
+
+
+@pytest.mark.parametrize(("width", "height"), NARROW)
+def test_one_column_with_tabs_at_its_foot(
+    opened: Opened, map_file: Path, width: int, height: int
+) -> None:
+    page = opened(map_file)
+    page.show(width, height)
+    for part, ids in {
+        "picture": ["map"],
+        "section": ["section", "spectrum"],
+        "steps": ["steps"],
+        "numbers": ["metrics"],
+    }.items():
+        page.click(f"#parts [data-part={part}]")
+        seen = {
+            i
+            for i in ("map", "section", "spectrum", "steps", "metrics")
+            if page.run(f"{SEEN}('{i}')")
+        }
+        assert seen == set(ids)
+        assert page.run(f"{SEEN}('verdict')")  # the verdict stays in sight
+        assert page.run("document.documentElement.scrollWidth <= innerWidth")
+        assert page.run(SMALL) == []
+    page.click("#parts [data-part=picture]")
+    page.wait(f"document.getElementById('map').clientWidth >= {0.9 * width}")
+    for tab in ("report", "compare", "folder"):
+        page.click(f"#tab-{tab}")
+        assert page.run("document.documentElement.scrollWidth <= innerWidth"), tab
+    assert page.errors == []
+
+
+def test_the_picture_beside_one_panel(opened: Opened, map_file: Path) -> None:
+    page = opened(map_file)
+    page.show(1024, 700)
+    assert page.run(f"{SEEN}('map') && {SEEN}('steps') && !{SEEN}('metrics')")
+    page.click("#parts [data-part=numbers]")
+    assert page.run(f"{SEEN}('map') && !{SEEN}('steps') && {SEEN}('metrics')")
+    page.run("document.querySelector('#parts [data-part=numbers]').focus()")
+    page.press("ArrowLeft")
+    assert page.run("document.body.dataset.part") == "steps"
+    page.show(1366, 768)  # wide: all of it, whatever was chosen
+    assert page.run(f"{SEEN}('map') && {SEEN}('section') && {SEEN}('steps') && {SEEN}('metrics')")
+
+
+def test_drawing_works_in_one_column(opened: Opened, map_file: Path) -> None:
+    page = opened(map_file)
+    page.show(390, 844)
+    page.run("new Promise((done) => setTimeout(done, 400))")
+    page.click("#tools [data-tool=circle]")
+    x, y = page.middle("#map canvas")
+    page.drag((x - 40, y), (30, 0))
+    page.wait("document.querySelector('#shapes .draw-chip') !== null")
+    assert page.run("document.documentElement.scrollWidth <= innerWidth")
