@@ -406,7 +406,9 @@ def print_files(result: Result, usual: str) -> None:
     of_tables = [result.document.get("table"), *result.document.get("more_tables", ())]
     tables = {t.get("path") for t in of_tables if t}
     for file in result.files:
-        label = {".json": "result", ".html": "report"}.get(file.suffix, usual)
+        label = {".json": "result", ".html": "report", ".pdf": "report", ".xlsx": "report"}.get(
+            file.suffix, usual
+        )
         if file.name in tables:
             label = "table"
         elif file.name.removesuffix(".json") in tables:

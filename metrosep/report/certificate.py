@@ -160,7 +160,8 @@ def certificate(document: Document, messages: Sequence[str] = ()) -> dict[str, A
     judged = [r for r in rows if r["stamp"] is not None]
     shown = judged or [r for r in rows if r["value"] != "–"]
     missing = missing_fields(fields)
-    accepted = sum(r["verdict"] == "accept" for r in judged)
+    # the badge counts the rows that make its verdict: REJECTED (2 of 3)
+    alike = sum(r["verdict"] == document.get("verdict") for r in judged)
     agree = problems_of(fields)
     warnings = sorted(
         messages, key=lambda m: not any(p in m.lower() for p in map(str.lower, agree))
@@ -180,7 +181,7 @@ def certificate(document: Document, messages: Sequence[str] = ()) -> dict[str, A
         "replaces": _replaces(fields, t),
         "verdict": t[document.get("verdict") or "no_verdict"].upper(),
         "stamp": mark,
-        "of": t["of"].format(n=accepted, total=len(judged)) if judged else "",
+        "of": t["of"].format(n=alike, total=len(judged)) if judged else "",
         "blocks": _blocks(document, fields, t),
         "rows": shown[:_MOST_ROWS],
         "further": t["further"].format(n=len(shown) - _MOST_ROWS)

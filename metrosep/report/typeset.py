@@ -33,7 +33,10 @@ PDF_STANDARDS = ("a-2b", "a-3b")
 _TIME = 946_684_800
 """2000-01-01 UTC, as the time of creation: a clock would make other bytes each time."""
 
-_PAGE_WIDTH, _FIGURE_WIDTH, _FIGURE_HEIGHT = 180.0, 150.0, 82.0
+_NARROW = 30
+"""Letters of a name that fit beside the figure of the first page."""
+
+_PAGE_WIDTH, _FIGURE_WIDTH, _FIGURE_HEIGHT, _TALL = 180.0, 150.0, 82.0, 165.0
 _SHORT = 60
 
 
@@ -271,6 +274,9 @@ def _first_page(
     rows = [{**r, "stamp": r["stamp"] and r["stamp"]._asdict()} for r in c["rows"]]
     shown = _tidied({**c, "rows": rows, "stamp": c["stamp"]._asdict()})
     shown["main"] = main[0] if main else None
+    shown["wide"] = " / " in shown["t"]["characteristic"] or any(
+        len(r["name"]) > _NARROW for r in rows
+    )
     kind, _, data = str(c["look"]["logo"]).partition(";base64,")
     shown["logo"] = f"logo.{'png' if kind.endswith('png') else 'svg'}" if data else ""
     return shown, {shown["logo"]: base64.b64decode(data)} if data else {}
@@ -294,7 +300,8 @@ def _width(svg: str) -> float:
     if found is None:
         return _FIGURE_WIDTH
     across, down = (float(v) for v in found.groups())
-    return round(min(_FIGURE_WIDTH, _FIGURE_HEIGHT * across / down, _PAGE_WIDTH), 2)
+    tallest = _FIGURE_HEIGHT if across >= down else _TALL
+    return round(min(_FIGURE_WIDTH, tallest * across / down, _PAGE_WIDTH), 2)
 
 
 def _tidied(value: Any) -> Any:

@@ -39,6 +39,8 @@ _BINS = (40, 200)
 _BEYOND = 0.05
 """Of the range of a histogram that leaves heights out, added at each side."""
 
+_GAPS = "Gaps in a curve were not measured."
+
 
 def measurement_of(produced: Measurement, inputs: Any = None) -> Description:
     """Return what a document holds of a `Measurement`."""
@@ -135,7 +137,7 @@ def _sections(surface: Surface) -> list[dict[str, Any]]:
             [curve("", y, surface.z[:, column])],
         ),
     ]
-    words = "Through the middle of what is left. Gaps are gaps."
+    where = "the middle of what is left"
     found = _standing_out(surface)
     if found is not None:
         i, j = found
@@ -145,7 +147,8 @@ def _sections(surface: Surface) -> list[dict[str, Any]]:
         ):
             if at not in (row, column):
                 panels.append(panel(f"{name}, through the farthest pixel", "m", [curve_of]))
-        words = f"Through the middle and through the pixel farthest from the mean. {words[34:]}"
+        where = "the middle and through the pixel farthest from the mean"
+    words = f"Through {where}. {_GAPS}"
     return [curve_chart("Sections", ("position", "m"), panels, caption=words)]
 
 
@@ -156,7 +159,7 @@ def _drawn(section: MapSection) -> dict[str, Any]:
     along = "arc from +x to +y" if section.kind == "circle" else "distance from a"
     lines = [panel("", "m", [curve("", profile.x, profile.z)])]
     title = f"Section {section.name}"
-    return curve_chart(title, (along, "m"), lines, caption="Gaps are gaps.")
+    return curve_chart(title, (along, "m"), lines, caption=_GAPS)
 
 
 def _section(section: MapSection) -> dict[str, Any]:
@@ -186,7 +189,7 @@ def _profiles(measured: Measurement, title: str, before: Measured) -> dict[str, 
     changed = [s.op for s in measured.stages if s.enabled and s.op not in EVALUATING]
     if changed:
         panels.append(panel(f"after {', '.join(changed)}", "m", [curve("", last.x, last.z)]))
-    return curve_chart("Profile", ("position", "m"), panels, caption="Gaps are gaps.")
+    return curve_chart("Profile", ("position", "m"), panels, caption=_GAPS)
 
 
 def _spectrum(found: Any) -> dict[str, Any]:
