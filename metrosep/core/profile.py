@@ -15,10 +15,9 @@ from metrosep.core._thumbnails import png_image, profile_thumbnail
 from metrosep.core.arithmetic import HeightArithmetic
 from metrosep.core.attached import attached
 from metrosep.core.errors import InvalidSamplesError, NotUniformError, TooFewSamplesError
-from metrosep.core.measured import Guessed
 from metrosep.core.numbers import quantity
 from metrosep.core.provenance import Step, freeze_mapping
-from metrosep.core.public import PublicObject
+from metrosep.core.public import Guessed, PublicObject
 from metrosep.core.units import format_length
 
 __all__ = ["Profile"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,9 @@ from metrosep.core.errors import DataError, TooFewSamplesError, UnitError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.core.surface import Surface
+
+if TYPE_CHECKING:
+    from metrosep.core.surface import Surface
 
 __all__ = [
     "Distance",
@@ -79,6 +81,7 @@ def section_profile(
 
     Examples
     --------
+    >>> from metrosep import Surface
     >>> plane = Surface([[0.0, 1.0], [2.0, 3.0]], dx=1.0, dy=1.0)
     >>> section_profile(plane, (0, 0), (0.6, 0.8)).z.round(12).tolist()
     [0.0, 2.2]
@@ -135,6 +138,7 @@ def circle_section(
     Examples
     --------
     >>> import numpy as np
+    >>> from metrosep import Surface
     >>> plane = Surface(np.arange(21.0) + np.zeros((21, 1)), dx=1.0, dy=1.0)
     >>> ring = circle_section(plane, (10.0, 10.0), 5.0)
     >>> len(ring), round(float(ring.z[0]), 9), harmonics(ring, [1, 2])[0].round(9).tolist()
@@ -239,7 +243,7 @@ def read_line(
     surface: Surface, a: Sequence[float], b: Sequence[float], method: str
 ) -> tuple[FloatArray, FloatArray, float, float]:
     """Return distances, heights, length, and the share of heights that were read bilinearly."""
-    if not isinstance(surface, Surface):
+    if not hasattr(surface, "dy"):  # what a profile has not
         raise DataError(f"a section is cut through a Surface, got {type(surface).__name__}")
     (ax, ay), (bx, by) = _place(surface, a, "a"), _place(surface, b, "b")
     (x0, y0), (dx, dy) = _grid(surface)

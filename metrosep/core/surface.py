@@ -15,11 +15,10 @@ from metrosep.core._thumbnails import map_thumbnail
 from metrosep.core.arithmetic import HeightArithmetic
 from metrosep.core.attached import attached
 from metrosep.core.errors import DataError, TooFewSamplesError
-from metrosep.core.measured import Guessed
 from metrosep.core.numbers import positive
 from metrosep.core.profile import html_summary
 from metrosep.core.provenance import Step, freeze_mapping
-from metrosep.core.public import PublicObject
+from metrosep.core.public import Guessed, PublicObject
 from metrosep.core.units import format_length
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, Heights, frozen_float, position, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.core.middle import assumed_axis
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.regions import assumed_axis
 from metrosep.core.surface import Surface
 
 __all__ = ["SAMPLE", "PointSet", "Points", "points_of"]

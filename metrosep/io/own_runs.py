@@ -12,7 +12,7 @@ import numpy as np
 
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import parse_unit
-from metrosep.io.own_notes import header_notes, is_marked
+from metrosep.io.own_notes import header_notes
 from metrosep.io.source import RawFile
 from metrosep.io.text.table import Column, Table
 
@@ -55,13 +55,12 @@ def _labels(runs: RunSet) -> list[str]:
 
 
 def own_runs(file: RawFile, table: Table) -> RunSet | None:
-    """Return the runs of a text that metrosep wrote with runs, ``None`` for any other table."""
+    """Return the runs of a table that metrosep wrote with runs, ``None`` for its other tables."""
     comments = table.header.get("comments", ())
     *first, x, z = table.names if len(table.names) > 2 else ("", "", "")
     units = [name.partition("_")[2] for name in (x, z)]
     known = first[:1] == ["run"] and [n for n in _NAMES if n in first] == first
-    is_own = known and (x[:2], z[:2]) == ("x_", "z_") and set(units) <= {"m", "rad"}
-    if not is_own or not any(map(is_marked, comments)):
+    if not (known and (x[:2], z[:2]) == ("x_", "z_") and set(units) <= {"m", "rad"}):
         return None
     notes = header_notes(file, comments)
     by_name = {c.name: c.values for c in table.columns}

@@ -43,7 +43,7 @@ from metrosep.core.units import (
 )
 from metrosep.io import registry
 from metrosep.io._roles import FORWARD, REVERSE, jumps_back, runs_in
-from metrosep.io.own_runs import own_runs, run_table
+from metrosep.io.own_notes import is_marked
 from metrosep.io.several_runs import BLOCKS
 from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.dialect import Dialect
@@ -475,7 +475,12 @@ def stored_runs(file: RawFile) -> RunSet | None:
     """Return the runs of a file that metrosep wrote as a whole, else ``None``."""
     known = _format(file)
     if known == _TEXT:
-        return own_runs(file, read_table(file))
+        table = read_table(file)
+        if not any(map(is_marked, table.header.get("comments", ()))):
+            return None
+        from metrosep.io.own_runs import own_runs
+
+        return own_runs(file, table)
     if known != _OWN:
         return None
     from metrosep.io.containers.native import read
@@ -502,6 +507,8 @@ def columns_of(file: RawFile, layout: dict[str, Any]) -> tuple[RawFile, Table, s
         )
     obj = registry.get(known).load_reader().read(file)
     if isinstance(obj, RunSet):
+        from metrosep.io.own_runs import run_table
+
         return file, run_table(obj), known
     if not isinstance(obj, Recording):
         raise FormatMismatchError(

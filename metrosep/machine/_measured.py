@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.core.middle import Axis, assumed_axis
+from metrosep.core.regions import Axis, assumed_axis
 from metrosep.core.surface import Surface
 from metrosep.machine._mesh import SurfaceMesh, centred_form, checked_centre, checked_radii
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.core.middle import assumed_axis
+from metrosep.core.regions import assumed_axis
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.forms.stl import GridForm

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
-from metrosep.core.middle import assumed_axis
 from metrosep.core.provenance import freeze_mapping
+from metrosep.core.regions import assumed_axis
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.machine._mesh import (

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray, position
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.core.middle import measured_middle
 from metrosep.core.numbers import choice, count, positive, quantity
+from metrosep.core.regions import measured_middle
 from metrosep.core.surface import Surface
 from metrosep.forms.base import Form
 

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FitError, TooFewSamplesError
-from metrosep.core.middle import measured_middle
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.core.regions import check_region, region_words, within_region
+from metrosep.core.regions import check_region, measured_middle, region_words, within_region
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 

@@ -19,7 +19,6 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.recipe.map_sections import MapSection, section_of
 from metrosep.recipe.pipeline import Stage, StepError, run_step
 from metrosep.recipe.pipeline_checks import SPECTRUM
 from metrosep.recipe.pipeline_mask import Measured
@@ -28,6 +27,7 @@ from metrosep.recipe.schema import reading_options
 
 if TYPE_CHECKING:
     from metrosep.recipe.describe.description import Description
+    from metrosep.recipe.map_sections import MapSection
     from metrosep.recipe.recipe import Recipe
     from metrosep.recipe.result import Result
 
@@ -142,6 +142,10 @@ def measure_object(recipe: Recipe, obj: Any, *, tell: Tell | None = None) -> Mea
 
 def with_sections(recipe: Recipe, measured: Measurement) -> Measurement:
     """Return a measurement with the sections of a recipe, cut through what the last step left."""
+    if not recipe.sections:
+        return measured
+    from metrosep.recipe.map_sections import section_of
+
     found = []
     for i, section in enumerate(recipe.sections):
         try:

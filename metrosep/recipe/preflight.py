@@ -18,7 +18,6 @@ from metrosep.core.limits import FROM_FIT, Limit, limit_problem, order_problem
 from metrosep.core.readable import PREFIXED, typed_number
 from metrosep.core.units import parse_quantity
 from metrosep.parameters.decision import decide
-from metrosep.recipe.map_sections import section_metrics
 from metrosep.recipe.methods.turned import AVERAGED, TurnedRuns
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.pipeline_checks import EVALUATING, SPECTRUM, known_unit, makes_metric
@@ -199,7 +198,11 @@ def limit_errors(recipe: Recipe) -> Iterator[RecipeError]:
     """
     if recipe.is_pipeline:
         yield from _order_errors(recipe)
-    more = {k: u for s in recipe.sections for k, u in section_metrics(s).items()}
+    more: dict[str, str] = {}
+    if recipe.sections:
+        from metrosep.recipe.map_sections import section_metrics
+
+        more = {k: u for s in recipe.sections for k, u in section_metrics(s).items()}
     for i, check in enumerate(recipe.checks if recipe.is_pipeline else ()):
         problem = makes_metric(recipe.steps, check["metric"], more)
         if problem:

@@ -20,7 +20,6 @@ from metrosep.core.errors import (
 )
 from metrosep.core.methods import METHODS, Method
 from metrosep.core.provenance import freeze_mapping
-from metrosep.recipe.map_sections import SECTIONS, check_sections
 from metrosep.recipe.methods.turned import TurnedRuns, turning_axis
 from metrosep.recipe.pipeline import measuring_steps
 from metrosep.recipe.preflight import check_recipe, require_limits
@@ -307,7 +306,7 @@ class Recipe:
                 top,
             ),
             outputs=outputs,
-            sections=several_tables(data.get("section", []), SECTIONS, "kind", "[[section]]", top),
+            sections=_sections(data.get("section", []), top, place, measures=pipeline),
             batch_options=freeze_mapping(batch_table(data.get("batch", {}), place("[batch]"))),
             bases=bases,
             operator=freeze_mapping(
@@ -319,7 +318,6 @@ class Recipe:
         )
         files = [(o, (METHOD_OUTPUTS | OUTPUTS)[o["kind"]]) for o in recipe.outputs]
         _require_files(files, Path(folder), lambda i: place("[[output]]", i), admits)
-        check_sections(recipe.sections, lambda i: place("[[section]]", i), measures=pipeline)
         check_recipe(recipe)
         return recipe
 
@@ -456,6 +454,19 @@ def _stated(
     beside = folder / template
     look = read_look(beside if beside.exists() else Path(template), admits)
     return {"report": fields, "typed": own, "look": look}
+
+
+def _sections(
+    tables: Any, top: Place, place: Callable[[str, int], Place], *, measures: bool
+) -> tuple[Mapping[str, Any], ...]:
+    """Return the tables ``[[section]]`` of a recipe, checked; most recipes have none."""
+    if tables == []:
+        return ()
+    from metrosep.recipe.map_sections import SECTIONS, check_sections
+
+    sections = several_tables(tables, SECTIONS, "kind", "[[section]]", top)
+    check_sections(sections, lambda i: place("[[section]]", i), measures=measures)
+    return sections
 
 
 def _require_files(

@@ -21,7 +21,7 @@ from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.recipe.methods.ops_machine import form_of
-from metrosep.recipe.methods.ops_process import JobPredicted, edge_of_file
+from metrosep.recipe.methods.ops_process import SETTING, JobPredicted, edge_of_file
 
 __all__ = ["CutBudgetFound", "HysteresisFound"]
 
@@ -40,7 +40,6 @@ _PROGRAM: Mapping[str, Option] = {
 }
 _EDGE = ("edge", "edge_rises")
 _TOOL = ("nose_radius", "rake", "window", "radius_in", "yaw")
-_SETTING = ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR")
 _PIXELS = 61
 
 
@@ -86,7 +85,7 @@ class CutBudgeted(Method):
     reads: ClassVar = "nothing"
     arguments: ClassVar[Mapping[str, Option]] = {
         **_PROGRAM,
-        **{n: JobPredicted.arguments[n] for n in ("form", *_TOOL, *_EDGE, *_SETTING)},
+        **{n: JobPredicted.arguments[n] for n in ("form", *_TOOL, *_EDGE, *SETTING)},
         "log": Option(
             "file",
             help="what the axes did beside their command: columns t_s, X_um (of the radius, as the axis "
@@ -116,7 +115,7 @@ class CutBudgeted(Method):
         if "edge" in options:
             profile = edge_of_file(options["edge"], options.get("edge_rises"))
             actual, said = replace(nose, edge=profile), profile.messages
-        setting = {k: options[k] for k in _SETTING if k in options}
+        setting = {k: options[k] for k in SETTING if k in options}
         form = form_of(options["form"])
         low, high = touched_radii(program, nose, form)
         pixel, error = 0.0, None

@@ -19,7 +19,7 @@ from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.recipe.methods.ops_machine import CENTRE, form_of, one_map
 
-__all__ = ["JobResult"]
+__all__ = ["SETTING", "JobResult"]
 
 
 class SettingFound(Method):
@@ -336,7 +336,7 @@ class JobPredicted(Method):
             nose=_nose(rest),
         )
         tool = None
-        setting = {k: rest[k] for k in _SETTING if k in rest}
+        setting = {k: rest[k] for k in SETTING if k in rest}
         if setting:
             tool = ToolSetting(**setting)
         found: tuple[str, ...] = ()
@@ -405,7 +405,7 @@ def edge_of_file(path: str, rises: str | None) -> Any:
     return EdgeProfile.from_certificate(found["psi"], found["wave"], rises=rises)  # type: ignore[arg-type]  # checked there
 
 
-_SETTING = ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR")
+SETTING = ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR")
 _NOSE = ("rake", "window", "clearance", "flank", "yaw", "radius_in")
 _OF_NOSE = (*_NOSE, "edge", "edge_rises", "servo", "part")
 """Keys that mean something with a nose only."""
@@ -511,7 +511,7 @@ def _check_predict(rest: Mapping[str, Any]) -> None:
     log = [k for k in ("log_time", "log_command", "log_actual") if k in rest]
     if log and "follow_up" not in rest:
         raise DataError(f"{log[0]} names a column of a log; give its file: follow_up")
-    if "gain" in rest and not any(k in rest for k in (*_SETTING, "follow_up")):
+    if "gain" in rest and not any(k in rest for k in (*SETTING, "follow_up")):
         raise DataError(
             "gain is the share of a known error that the program makes up for; give the tool setting "
             "(dx, dy, dR) or the log of the dry run (follow_up)"

@@ -24,7 +24,6 @@ from typing import Any
 
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.options import checked
-from metrosep.recipe.map_sections import SECTIONS
 from metrosep.recipe.schema import BATCH, Field
 from metrosep.recipe.steps import (
     CHECK,
@@ -213,6 +212,8 @@ def _item_fields(top: str, item: Any, data: Mapping[str, Any]) -> Fields | None:
     if top == "check":
         return CHECK if plain else METHOD_CHECK
     if top == "section":
+        from metrosep.recipe.map_sections import SECTIONS
+
         return SECTIONS.get(item.get("kind", ""))
     if top == "output":
         return (OUTPUTS if plain else METHOD_OUTPUTS).get(item.get("kind", ""))
