@@ -243,8 +243,6 @@ def read_line(
     surface: Surface, a: Sequence[float], b: Sequence[float], method: str
 ) -> tuple[FloatArray, FloatArray, float, float]:
     """Return distances, heights, length, and the share of heights that were read bilinearly."""
-    if not hasattr(surface, "dy"):  # what a profile has not
-        raise DataError(f"a section is cut through a Surface, got {type(surface).__name__}")
     (ax, ay), (bx, by) = _place(surface, a, "a"), _place(surface, b, "b")
     (x0, y0), (dx, dy) = _grid(surface)
     length = math.hypot(bx - ax, by - ay)
@@ -298,6 +296,8 @@ def heights_at(
 
 def is_calibrated(surface: Surface) -> bool:
     """Return whether both lateral steps of a map are known."""
+    if not hasattr(surface, "dy"):  # what a profile has not
+        raise DataError(f"a section is cut through a Surface, got {type(surface).__name__}")
     return surface.dx is not None and surface.dy is not None
 
 
