@@ -268,7 +268,7 @@ def scored(shift, u, feeds=FEEDS):
         for s in np.broadcast_to(shift, len(feeds))
     ]
     runs = [SimpleNamespace(velocity=v * 1e-3, feed=feeds.index(v)) for v in feeds]
-    return displacement(SimpleNamespace(seen=runs), scores)
+    return displacement(SimpleNamespace(runs=runs), scores)
 
 
 def test_the_scatter_of_places_at_equal_feeds_is_the_displacement():
