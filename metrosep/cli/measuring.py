@@ -103,7 +103,11 @@ def flat_values(quantities: Any) -> dict[str, float | None]:
 @click.option(
     "--kind", type=click.Choice(["P", "W", "R"]), help="Kind of the profile after the filters."
 )
-@click.option("--edition", help='"ISO 21920-2:2021" (default), "ISO 4287:1997" or "ASME B46.1".')
+@click.option(
+    "--edition",
+    help='"ISO 21920-2:2021" (default), "ISO 4287:1997" or "ASME B46.1"; of a map '
+    '"ISO 25178-2:2021" (default) or "ISO 25178-2:2012".',
+)
 @click.option(
     "--sections",
     type=click.IntRange(min=1),
@@ -325,7 +329,9 @@ def _recipe_text(file: str | None, given: Mapping[str, Any], reading: Mapping[st
 def _edition(text: str) -> str:
     """Return an edition as recipes spell it; spaces and case do not count."""
     plain = "".join(text.lower().split())
-    known = ("ISO 21920-2:2021", "ISO 4287:1997", "ASME B46.1")
+    from metrosep.recipe.pipeline_checks import AREAL_EDITIONS
+
+    known = ("ISO 21920-2:2021", "ISO 4287:1997", "ASME B46.1", *AREAL_EDITIONS)
     return next((e for e in known if "".join(e.lower().split()) == plain), text)
 
 

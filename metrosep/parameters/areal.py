@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -43,7 +43,14 @@ from metrosep.parameters.material_ratio import (
     core_height,
     probability_lines,
 )
-from metrosep.parameters.table import TABLE, Context, ParameterTable, Row, chosen_rows, evaluated
+from metrosep.parameters.table import (
+    TABLE,
+    Context,
+    ParameterTable,
+    Row,
+    chosen_rows,
+    evaluated,
+)
 from metrosep.parameters.watershed import (
     LARGEST_HOLE,
     Ground,
@@ -55,21 +62,27 @@ from metrosep.parameters.watershed import (
     mean_peak_curvature,
     peaks_of,
 )
-from metrosep.spectral.dft import instance_of
+from metrosep.spectral.dft import instance_of, symbols
 
-__all__ = ["EDITION", "ArealParameterTable", "areal_parameters", "is_form_removed"]
+__all__ = ["EDITION", "ArealEdition", "ArealParameterTable", "areal_parameters", "is_form_removed"]
 
-EDITION = "ISO 25178-2:2021"
-"""Whose definitions the table follows."""
+ArealEdition = Literal["ISO 25178-2:2021", "ISO 25178-2:2012"]
+
+EDITION: ArealEdition = "ISO 25178-2:2021"
+"""Whose definitions the table follows if nothing is said."""
+_OLD: ArealEdition = "ISO 25178-2:2012"
 
 _ALIASES = {"Smrk1": "Smr1", "Smrk2": "Smr2"}
-"""Symbols of 2021 that stand in the table under the older ones."""
+"""Symbols of 2021 and those of 2012 for the same; each finds the other."""
 
-_CORE = {"Sk", "Spk", "Svk", "Smr1", "Smr2", "Sak1", "Sak2", "Spkx", "Svkx"}
+_CORE = {"Sk", "Spk", "Svk", "Smrk1", "Smrk2", "Smr1", "Smr2", "Sak1", "Sak2", "Spkx", "Svkx"}
 _OF_PEAKS = {"S5p", "S10z", "Spd", "Spc", "Sha", "Shv"}
 _OF_PITS = {"S5v", "S10z", "Svd", "Svc", "Sda", "Sdv"}
 _FEATURES = _OF_PEAKS | _OF_PITS
 """Parameters of peaks and pits, from the segmentation."""
+
+_NEW = {"Ssw", "Svd", "Svc", "Sak1", "Sak2", "Spkx", "Svkx"}
+"""New in 2021 (recalled)."""
 
 _HALF = 0.5
 """Material ratio at which Sha, Sda, Shv, Sdv cut the hills where none is given."""
@@ -84,7 +97,7 @@ _CONSTANT = "all valid heights are equal, so Sq is zero and the ratio is not def
 
 @documented(table=TABLE)
 class ArealParameterTable(ParameterTable):
-    """Areal parameters; Smrk1 and Smrk2 find Smr1 and Smr2.
+    """Areal parameters; Smr1 and Smr2 of 2012 find Smrk1 and Smrk2 of 2021, and the other way round.
 
     Parameters
     ----------
@@ -102,7 +115,7 @@ class ArealParameterTable(ParameterTable):
     __slots__ = ()
 
     def own_symbol(self, symbol: str) -> str:
-        return _ALIASES.get(symbol, canonical(symbol, AREAL))
+        return _named(symbol, self.context.edition, canonical(symbol, AREAL))
 
 
 def areal_parameters(
@@ -112,6 +125,7 @@ def areal_parameters(
     line: CoreLine = "lsq",
     pruning: float = 0.05,
     curvature_window: Literal[3, 5] = 3,
+    edition: ArealEdition = EDITION,
 ) -> ArealParameterTable:
     """Return the areal parameters of a map.
 
@@ -120,8 +134,8 @@ def areal_parameters(
     surface : Surface
         Form removed and filtered as the specification asks. Nothing is filtered here.
     names : sequence of str, optional
-        Symbols wanted; all by default. What is not asked is not computed. Smrk1 and Smrk2 find
-        Smr1 and Smr2, here and in the table. With arguments: "Smr(0.5 um)", "Smr(5 %, 1 um)",
+        Symbols wanted; all by default. What is not asked is not computed. Symbols of the other edition
+        are understood, here and in the table. With arguments: "Smr(0.5 um)", "Smr(5 %, 1 um)",
         "Smc(20 %)", "Sdc(20 %, 80 %)", "Vm(10 %)", "Vv(80 %)", "Sha(30 %)" and Sda, Shv, Sdv.
     line : {"lsq", "secant"}, optional
         Core line of the Sk family.
@@ -129,6 +143,9 @@ def areal_parameters(
         Wolf pruning of peaks and pits as a share of Sz, 0 to below 1.
     curvature_window : {3, 5}, optional
         Pixels across the square whose least-squares quadratic gives Spc and Svc.
+    edition : {"ISO 25178-2:2021", "ISO 25178-2:2012"}, optional
+        2021 says Smrk1 and Smrk2 for Smr1 and Smr2 and takes Std from the amplitude of the spectrum,
+        2012 from its power; Ssw, Svd, Svc, Sak1, Sak2, Spkx and Svkx are new in 2021 (recalled).
 
     Returns
     -------
@@ -140,7 +157,7 @@ def areal_parameters(
     Raises
     ------
     DataError
-        If a name or the line is unknown, `pruning` is not a share, an argument is of the wrong
+        If a name, the line or the edition is unknown, `pruning` is not a share, an argument is of the wrong
         type, a height is beyond 1e60 m, or their range is below 1e-60 m and not zero.
     InvalidSamplesError
         If no pixel is valid.
@@ -165,14 +182,17 @@ def areal_parameters(
     ['50.0000 nm', '200.0000 nm', '40.5218 nm']
     """
     instance_of(surface, Surface, "a table of areal parameters")
-    rows = chosen_rows(_ROWS, names, "an areal parameter", _ALIASES, functions=AREAL)
+    choice(edition, "edition", (EDITION, _OLD))
+    if names is not None:
+        names = [_named(n, edition, n) for n in symbols(names)]
+    rows = chosen_rows(_rows(edition), names, f"an areal parameter of {edition}", functions=AREAL)
     choice(line, "line", ("lsq", "secant"))
     if curvature_window not in (3, 5):
         raise DataError(f"curvature_window is 3 or 5 pixels, got {curvature_window!r}")
     pruning = real(pruning, "pruning", what="a share of Sz")
     if not 0.0 <= pruning < 1.0:
         raise DataError(f"pruning is a share of Sz from 0 to below 1, got {pruning}")
-    work = _Work(surface, line, pruning, curvature_window // 2)
+    work = _Work(surface, line, pruning, curvature_window // 2, edition)
     n_valid = work.heights.n_valid
     quantities, unavailable = evaluated(rows, work)
     given = {row.symbol.partition("(")[0] for row in rows}
@@ -184,7 +204,7 @@ def areal_parameters(
     if given & {"Spc", "Svc"}:
         settings["curvature_window"] = curvature_window
     context = Context(
-        edition=EDITION,
+        edition=edition,
         n_valid=n_valid,
         n_total=surface.z.size,
         history=surface.history,
@@ -192,6 +212,22 @@ def areal_parameters(
         notes=(*_notes(surface), *_filled_notes(work, given)),
     )
     return ArealParameterTable(quantities, context, unavailable=unavailable)
+
+
+def _named(symbol: str, edition: str, other: str) -> str:
+    """Return a symbol as an edition has it; `other` where the editions agree on it."""
+    pairs = _ALIASES.items()
+    known = {old: new for new, old in pairs} if edition != _OLD else dict(pairs)
+    return known.get(symbol, other)
+
+
+def _rows(edition: ArealEdition) -> tuple[Row, ...]:
+    """Return the rows of an edition."""
+    if edition == EDITION:
+        return _ROWS
+    return tuple(
+        replace(r, symbol=_ALIASES.get(r.symbol, r.symbol)) for r in _ROWS if r.symbol not in _NEW
+    )
 
 
 def is_form_removed(history: Sequence[Step]) -> bool:
@@ -215,6 +251,7 @@ class _Work:
     line: CoreLine
     pruning: float
     reach: int = 1  # of the window of peak curvatures
+    edition: ArealEdition = EDITION
     _hills: dict[tuple[float, float], Hills] = field(default_factory=dict)
 
     @cached_property
@@ -358,9 +395,9 @@ _ROWS = (
     Row(
         "Std",
         "rad",
-        "direction of the largest angular spectrum, from +x to +y, 0 to pi; the lay is at right "
-        "angles to it",
-        lambda w: texture_direction(w.acf),
+        "direction of the largest angular spectrum (2021: of the amplitude, 2012: of the power), from +x "
+        "to +y, 0 to pi; the lay is at right angles to it",
+        lambda w: texture_direction(w.acf, of="power" if w.edition == _OLD else "amplitude"),
     ),
     Row(
         "Ssw",
@@ -373,9 +410,17 @@ _ROWS = (
     Row("Sk", "m", "core height", "core.k"),
     Row("Spk", "m", "reduced peak height", "core.pk"),
     Row("Svk", "m", "reduced dale height", "core.vk"),
-    Row("Smr1", "1", "material ratio at the top of the core, 0 to 1 (Smrk1 of 2021)", "core.mr1"),
     Row(
-        "Smr2", "1", "material ratio at the bottom of the core, 0 to 1 (Smrk2 of 2021)", "core.mr2"
+        "Smrk1",
+        "1",
+        "material ratio at the top of the core, 0 to 1 (Smrk1 of 2021, Smr1 of 2012)",
+        "core.mr1",
+    ),
+    Row(
+        "Smrk2",
+        "1",
+        "material ratio at the bottom of the core, 0 to 1 (Smrk2 of 2021, Smr2 of 2012)",
+        "core.mr2",
     ),
     Row("Sak1", "m", "peak area above the core per unit of material ratio", "core.a1"),
     Row("Sak2", "m", "dale area below the core per unit of material ratio", "core.a2"),

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -343,17 +344,19 @@ def dominant_wavelength(z: ArrayLike, dx: float, dy: float = 1.0) -> float:
     return 1.0 / math.hypot(float(f_x), float(f_y))
 
 
-def texture_direction(acf: Autocorrelation) -> float:
+def texture_direction(
+    acf: Autocorrelation, *, of: Literal["amplitude", "power"] = "amplitude"
+) -> float:
     """Return the direction Std in which the angular spectrum is largest.
 
     The power spectrum is the Fourier transform of the autocorrelation under a Hann window, so a
-    map with holes has one too. Its power is summed in sectors of 0.25 deg inside the largest
+    map with holes has one too. Its amplitude or power is summed in sectors of 0.25 deg inside the largest
     circle of frequencies that both axes have, and smoothed over the angle by a Gaussian of 2 deg.
 
-    Source: ISO 25178-2:2021, 4.3.4 (number recalled, not checked). The 2012 edition takes the
-       power, as here; the 2021 edition is said to take the amplitude.
+    Source: ISO 25178-2:2021, 4.3.4, takes the amplitude, the 2012 edition the power (both recalled, not
+       checked).
     """
-    angles, spectrum = _angular_spectrum(acf)
+    angles, spectrum = _angular_spectrum(acf, of)
     best = int(np.argmax(spectrum))
     n = angles.size
     before, after = spectrum[best - 1], spectrum[(best + 1) % n]
@@ -374,8 +377,8 @@ def texture_direction(acf: Autocorrelation) -> float:
     return _half_turn(float(angles[best]) + float(shift) * _ANGLE_STEP)
 
 
-def _angular_spectrum(acf: Autocorrelation) -> tuple[FloatArray, FloatArray]:
-    """Return angles and the power in each direction, smoothed over the angle."""
+def _angular_spectrum(acf: Autocorrelation, of: str) -> tuple[FloatArray, FloatArray]:
+    """Return angles and the amplitude or power in each direction, smoothed over the angle."""
     from scipy import fft, ndimage
 
     m_y, m_x = acf.m_y, acf.m_x
@@ -390,6 +393,8 @@ def _angular_spectrum(acf: Autocorrelation) -> tuple[FloatArray, FloatArray]:
     wrapped[np.ix_(lags_y, lags_x)] = half
     wrapped[np.ix_(-lags_y[1:], -lags_x)] = half[1:]
     power = fft.rfft2(wrapped).real
+    if of == "amplitude":
+        power = np.sqrt(np.maximum(power, 0.0))  # noise of the estimate may be below zero
     f_y = fft.fftfreq(shape[0], acf.dy)[:, None]
     f_x = fft.rfftfreq(shape[1], acf.dx)[None, :]
     inside = f_x**2 + f_y**2 < min(0.5 / acf.dx, 0.5 / acf.dy) ** 2

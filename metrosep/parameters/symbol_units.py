@@ -83,7 +83,7 @@ def _units() -> Mapping[str, str]:
     from metrosep.parameters.interferometric import _ROWS as INTERFEROMETRIC
 
     found = {row.symbol: row.unit for row in (*AREAL, *INTERFEROMETRIC)}
-    found |= {other: found[own] for other, own in _ALIASES.items()}
+    found |= {old: found[new] for new, old in _ALIASES.items()}
     for edition in (OLD, NEW, ASME):
         for row in ROWS:
             if row.name(edition) is not None:

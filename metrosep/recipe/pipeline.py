@@ -23,6 +23,7 @@ from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.recipe import pipeline_checks as keys
 from metrosep.recipe.pipeline_checks import (
+    AREAL_EDITIONS,
     CHECKS,
     SPECTRUM,
     USUAL_OF_MAPS,
@@ -484,8 +485,10 @@ _OF_PROFILES = ("kind", "edition", "sections", "centre")
 def _parameters(obj: Measured, options: Mapping[str, Any]) -> Done:
     if isinstance(obj, Surface):
         for key in _OF_PROFILES:
-            if options.get(key):
+            if options.get(key) and not (key == "edition" and options[key] in AREAL_EDITIONS):
                 raise StepError(f"{key} belongs to profiles, and this is a map", key)
+    elif options.get("edition") in AREAL_EDITIONS:
+        raise StepError(f"{options['edition']} belongs to maps, and this is a profile", "edition")
     settings = {k: v for k, v in options.items() if k in (*_OF_PROFILES, "line", "reference")}
     names = options.get("names")
     asked = usual_names(obj, options.get("kind")) if names is None else tuple(names)

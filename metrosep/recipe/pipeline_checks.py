@@ -589,6 +589,8 @@ FORM_PROFILE: Mapping[str, Option] = {
     "intermediate": INTERMEDIATE,
 }
 
+AREAL_EDITIONS = ("ISO 25178-2:2021", "ISO 25178-2:2012")
+
 PARAMETERS: Mapping[str, Option] = {
     "names": Option(
         "texts",
@@ -601,9 +603,8 @@ PARAMETERS: Mapping[str, Option] = {
     ),
     "edition": Option(
         "text",
-        choices=("ISO 21920-2:2021", "ISO 4287:1997", "ASME B46.1"),
-        help="whose definitions of profile parameters",
-        default="ISO 21920-2:2021",
+        choices=("ISO 21920-2:2021", "ISO 4287:1997", "ASME B46.1", *AREAL_EDITIONS),
+        help="whose definitions; of a profile ISO 21920-2:2021, of a map ISO 25178-2:2021 if left out",
     ),
     "intermediate": INTERMEDIATE,
     "sections": Option(
@@ -633,7 +634,7 @@ class Evaluating:
 
     names: tuple[str, ...] = ()  # symbols wanted; empty for all
     kind: str | None = None  # P, W or R; None takes what the file or the filter says, else P
-    edition: str | None = None  # of the profile standard; None is the present one
+    edition: str | None = None  # of the standard of profiles or of maps; None is the present one
     # sampling lengths; as many as there are cut-offs in a filtered profile, else 5
     sections: int | None = None
     centre: bool = False  # subtract means again
@@ -757,7 +758,8 @@ def _areal(obj: Surface | Profile, names: list[str] | None, how: Evaluating) -> 
     if not isinstance(obj, Surface):
         raise DataError("S parameters belong to a map")
     line: Any = how.line
-    return areal_parameters(obj, names=names, line=line)
+    edition: dict[str, Any] = {} if how.edition is None else {"edition": how.edition}
+    return areal_parameters(obj, names=names, line=line, **edition)
 
 
 def _profile(

@@ -134,6 +134,11 @@ def test_exit_code_is_the_verdict(metrosep, waves, limit, U, code):
             2,
             "belongs to profiles",
         ),
+        (
+            ("--edition", "ISO 25178-2:2012", "--params", "Svd"),
+            2,
+            "not offered as an areal parameter of ISO 25178-2:2012",
+        ),
         (("--params", "Sq", "--end", "cut"), 2, "--lambda-s"),
         (("--lambda-s", "80 um", "--lambda-c", "20 um"), 2, "must be shorter"),
         (("--params", "Sq", "--U", "Sa=1 nm"), 2, "no limit"),

@@ -33,7 +33,7 @@ STEPS = 1e-4
 """The curve of n samples stands half a sample off the continuous one."""
 
 HEIGHTS = ["Sq", "Ssk", "Sku", "Sp", "Sv", "Sz", "Sa"]
-RATIOS = {"Ssk", "Sku", "Str", "Std", "Sdq", "Sdr", "Smr1", "Smr2"}
+RATIOS = {"Ssk", "Sku", "Str", "Std", "Sdq", "Sdr", "Smrk1", "Smrk2"}
 
 
 def sine_grid(amplitude=0.05 * UM, n=500, step=UM):
@@ -327,24 +327,57 @@ def test_a_map_that_is_mostly_empty():
         )
 
 
-@pytest.mark.parametrize(("old", "new"), [("Smr1", "Smrk1"), ("Smr2", "Smrk2")])
-def test_symbols_of_2021_are_found(rng, old, new):
-    surface = Surface(rng.normal(size=(60, 60)) * NM, UM, UM)
-    table = areal_parameters(surface)
+OLD = "ISO 25178-2:2012"
 
+
+@pytest.mark.parametrize(("old", "new"), [("Smr1", "Smrk1"), ("Smr2", "Smrk2")])
+@pytest.mark.parametrize("edition", ["ISO 25178-2:2021", OLD])
+def test_symbols_of_the_other_edition_are_found(rng, old, new, edition):
+    surface = Surface(rng.normal(size=(60, 60)) * NM, UM, UM)
+    own = old if edition == OLD else new
+    table = areal_parameters(surface, edition=edition)
+
+    assert table.context.edition == edition
+    assert own in list(table)
     assert old in table
     assert new in table
     assert table[new] is table[old]
-    assert list(areal_parameters(surface, names=[new])) == [old]
-    assert areal_parameters(surface, names=[new])[new].value == table[old].value
-    assert table.with_uncertainties({new: 0.01})[new].u == 0.01
-    assert table.with_uncertainties({new: 0.01})[old].u == 0.01
-    assert "line" in areal_parameters(surface, names=[new]).context.settings
+    for asked in (old, new):
+        one = areal_parameters(surface, names=[asked], edition=edition)
+        assert list(one) == [own]
+        assert one[asked].value == table[own].value
+        assert "line" in one.context.settings
+        assert table.with_uncertainties({asked: 0.01})[own].u == 0.01
+
+
+def test_2012_has_no_symbol_of_2021_and_the_same_values(rng):
+    surface = Surface(rng.normal(size=(60, 60)) * NM, UM, UM)
+    new, old = areal_parameters(surface), areal_parameters(surface, edition=OLD)
+    gone = set(new) - set(old)
+    assert gone == {"Ssw", "Svd", "Svc", "Sak1", "Sak2", "Spkx", "Svkx", "Smrk1", "Smrk2"}
+    assert all(old[s].value == new[s].value for s in set(old) - {"Std"})
+    with pytest.raises(DataError, match=r"Svd .*an areal parameter of ISO 25178-2:2012"):
+        areal_parameters(surface, names=["Svd"], edition=OLD)
+    with pytest.raises(DataError, match="edition is"):
+        areal_parameters(surface, edition="ISO 4287:1997")
+
+
+def test_direction_of_amplitudes_and_of_powers():
+    """Seven waves of 0.33 along y have more amplitude, one of 1 along x has more power."""
+    y, x = np.mgrid[:400, :400] * 2 * np.pi
+    more = sum(np.cos(y / n + n) for n in (8, 9, 10, 11.5, 13, 15, 18))
+    z = np.cos(x / 14) + 0.33 * more
+    surface = Surface(z * NM, UM, UM)
+    amplitude = areal_parameters(surface, names=["Std"])["Std"].value
+    power = areal_parameters(surface, names=["Std"], edition=OLD)["Std"].value
+    degree = np.pi / 180
+    assert amplitude == pytest.approx(np.pi / 2, abs=degree)
+    assert min(power, np.pi - power) < degree
 
 
 def test_alias_of_what_cannot_be_given_says_why():
-    with pytest.raises(DataError, match="Smr1 cannot be given"):
-        areal_parameters(Surface(np.zeros((9, 9)), UM, UM))["Smrk1"]
+    with pytest.raises(DataError, match="Smrk1 cannot be given"):
+        areal_parameters(Surface(np.zeros((9, 9)), UM, UM))["Smr1"]
     with pytest.raises(KeyError, match="Smrk3"):
         areal_parameters(Surface(np.eye(9), UM, UM))["Smrk3"]
 

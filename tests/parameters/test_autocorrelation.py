@@ -156,10 +156,17 @@ def test_direction_of_a_planted_wave(angle, dy):
     assert abs(math.remainder(holed - a, math.pi)) < DEGREE
 
 
+LARGEST = {
+    "power": {8: 3.5, 10: 2.6, 12.8: 1.8, 16: 0.65, 20: 0.15, 32: 0.08},
+    "amplitude": {8: 5.6, 10: 5.5, 12.8: 2.1, 16: 1.3, 20: 0.6, 32: 0.21},
+}
+
+
 @pytest.mark.parametrize(
-    ("waves", "largest"), [(8, 3.5), (10, 2.6), (12.8, 1.8), (16, 0.65), (20, 0.15), (32, 0.08)]
+    ("of", "waves", "largest"),
+    [(of, *row) for of, rows in LARGEST.items() for row in rows.items()],
 )
-def test_error_of_the_direction_falls_with_the_waves_on_the_map(rng, waves, largest):
+def test_error_of_the_direction_falls_with_the_waves_on_the_map(rng, of, waves, largest):
     """The table of docs/parameters/std.md, with some room for other directions."""
     y, x = np.mgrid[:256, :256] * 2 * np.pi * waves / 256
     errors = []
@@ -167,7 +174,7 @@ def test_error_of_the_direction_falls_with_the_waves_on_the_map(rng, waves, larg
         t = math.radians(angle)
         z = np.cos(x * math.cos(t) + y * math.sin(t) + rng.uniform(0, 2 * np.pi))
         try:
-            found = math.degrees(texture_direction(autocorrelation(z, UM, UM)))
+            found = math.degrees(texture_direction(autocorrelation(z, UM, UM), of=of))
         except DataError:
             assert waves <= 10  # the maximum splits
             continue
