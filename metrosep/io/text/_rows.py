@@ -55,6 +55,9 @@ _PART: Final = 2**20
 _LONG: Final = 2**18
 """Characters from which pandas is faster, also when it must be loaded first."""
 
+_WIDE: Final = 2**14
+"""Characters of a line from which pandas, which makes each column by itself, is slower again."""
+
 _PLAIN = frozenset("0123456789+-.,;|eE \t\n")
 
 DECIMAL_SHOWN = {
@@ -609,7 +612,7 @@ def _numbers(text: str, mark: str) -> FloatArray:
 
     NumPy reads short texts, since pandas takes long to load; both give the nearest float.
     """
-    if len(text) < _LONG:
+    if len(text) < max(_LONG, _WIDE * (text.count("\n") + 1)):
         return np.loadtxt(
             io.StringIO(text), delimiter=None if mark == " " else mark, comments=None, ndmin=2
         )

@@ -367,6 +367,8 @@ _CANDIDATES = (
 )
 _SAMPLE = 300
 _DEFAULTS = TextOptions()
+_MOST_COLUMNS = 2**15
+"""Twice as many as a worksheet has."""
 
 
 def find_layout(
@@ -377,6 +379,12 @@ def find_layout(
     further: Sequence[str] = (),
 ) -> Layout:
     """Return the one layout under which lines are a table of numbers."""
+    for line in lines:
+        most = max(map(line.count, ",;\t| "), default=0) if len(line) > _MOST_COLUMNS else 0
+        if most > _MOST_COLUMNS:
+            raise FormatMismatchError(
+                f"{path}: a line has {most + 1} fields, more than {_MOST_COLUMNS}: not a table of columns"
+            )
     above = unmeasured_rows(lines)
     head = list(lines[above : above + _SAMPLE])
     sample = [*head, *further]

@@ -165,12 +165,12 @@ def _is_stacked(labels: tuple[str, ...], different: tuple[str, ...]) -> bool:
 
 def _without_counter(table: Table, *, given: Sequence[ColumnSpec | None]) -> Table:
     """Return the table without a column that numbers its rows, unless the caller names it."""
-    unnamed = table.header.get("unnamed", ())
+    unnamed, named = table.header.get("unnamed", ()), table.header.get("named", True)
     asked = {header_unit(g if isinstance(g, str) else g[0])[0].casefold() for g in given if g}
     counters = [
         c
         for c in table.numbers
-        if (c.name in unnamed or role_of(c.name) == "index")
+        if (c.name in unnamed or (named and role_of(c.name) == "index"))
         and header_unit(c.name)[0].casefold() not in asked
         and c.values is not None
         and c.values.size > 1
@@ -254,7 +254,8 @@ def _time_column(
     for column in sorted(table.numbers, key=lambda c: c.name in clocks):
         if column.unit is not None and column.unit.dimension == "time":
             return column
-    for column in table.numbers:
+    named = table.header.get("named", True)
+    for column in table.numbers if named else ():
         if column.unit is None and role_of(column.name) == "time":
             return column
     if undecided and not counted:

@@ -696,16 +696,18 @@ class _Preamble:
     def columns(self) -> tuple[tuple[str, ...], tuple[Unit | None, ...]]:
         raw = self._names or [f"column{i + 1}" for i in range(self._n)]
         names: list[str] = []
+        known: dict[str, int] = {}  # how often each name was met
         for name in raw:
-            unique, count = name, 1
-            while unique in names:
-                count += 1
-                unique = f"{name} ({count})"
+            unique = name
+            while unique in known:
+                known[name] += 1
+                unique = f"{name} ({known[name]})"
+            known[unique] = known.get(unique, 1)
             names.append(unique)
         for i, text in enumerate(self._as_written):
             if is_other_unit(text) and any(map(str.isalpha, text)):
                 names[i] = f"{names[i]} [{text.strip('[]()<> ')}]"
-        units = [header_unit(n)[1] for n in raw]
+        units = [header_unit(n)[1] if self.named else None for n in raw]
         for i, unit in enumerate(self._units or []):
             own = units[i]
             if own is not None and unit is not None and own != unit:
