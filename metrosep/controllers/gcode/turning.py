@@ -47,6 +47,8 @@ _SLACK = 0.2e-9
 """m: what a check may find beyond what is predicted."""
 _PLACES, _SEED = 20_000, 2020
 _WHOLE_MS = 1e-9
+_MARGIN = 0.02
+"""Turns: by that the lean of the edge and rounding move the deciding moment."""
 _ROWS = 50_000
 _LONGEST = 200
 """Characters of a comment; some controls take 256 in a block."""
@@ -493,10 +495,11 @@ def _sidecar(
 
 def _require(check: ProgramCheck, tolerance: float | None) -> None:
     """Refuse a file whose part is not that of the program, or misses the tolerance."""
-    if check.uncut:
+    # what the first and last turn decide neither of the two cuts, and the check says so
+    if check.uncut and check.difference == math.inf:
         raise LimitError(
-            f"the file cuts nothing at {check.uncut} of {check.part.error.size} places of the part, so its "
-            "error there is not known; nothing was written"
+            f"the file cuts nothing at {check.uncut} of {check.part.error.size} places of the part, not all of "
+            "which the program leaves uncut; nothing was written"
         )
     # without a tolerance nobody said what digits may cost: never more than the part has without them
     digits = check.rounding if tolerance is not None else min(check.rounding, check.planned)
@@ -585,9 +588,12 @@ def check_program(
     if planned is not None:
         wanted = virtual_cut(planned, nose, x, y, form=form, setting=setting)
         apart = np.abs(wanted.z - part.z)
-        both = np.isnan(wanted.z) & np.isnan(part.z)
-        # a place that is cut in one of them only is as far apart as can be
-        difference = float(np.where(np.isnan(apart), math.inf, apart)[~both].max(initial=0.0))
+        # a place that is cut in one of them only is as far apart as can be; within two turns of an end the
+        # other may be decided by a turn that has no neighbour, and rounding chooses between them
+        turn = np.where(np.isnan(part.z), wanted.turn, part.turn)
+        inner = np.minimum(turn, planned.turns - turn) > 2.0 + _MARGIN
+        judged = np.where(np.isnan(apart), np.where(inner, math.inf, 0.0), apart)
+        difference = float(judged.max(initial=0.0))
         planned_pv = wanted.peak_to_valley
     digits = 0.0 if axes is None else rounding_error(axes, form, high)
     said = (
