@@ -29,7 +29,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }
   /** @type {Map<string, import("./handles.js").Grip>} */
   let grips = new Map();
 
-  const svg = /** @type {SVGElement} */ (node("svg", {}));
+  const svg = /** @type {SVGElement} */ (node("svg", { "aria-hidden": "true" })); // the list says what is drawn
   svg.classList.add("draw-shapes");
   const pad = document.createElement("div");
   pad.className = "draw-pad";
