@@ -314,7 +314,7 @@ def separate_inputs(recipe: Recipe, runs: RunSet, tell: Progress = _silent) -> E
 
 def _require_references(recipe: Recipe, runs: RunSet) -> None:
     """Refuse a place of zero correction that no run reaches, before anything is separated."""
-    from metrosep.compensation.sampling import format_position
+    from metrosep.compensation.area_errors import format_position
     from metrosep.core.errors import TableError
 
     low, high = runs.full_travel

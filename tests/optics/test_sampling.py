@@ -184,9 +184,7 @@ def test_pixels_off_the_form_are_counted():
     x, y = grid(41, 1e-3)
     off = int((within(12e-3)(x, y) & ~within(10.2e-3)(x, y)).sum())
     front = wavefront(surface, form=disc, radius=12e-3)
-    assert (
-        front.messages[0] == f"{off} measured pixels lie where the form is not defined: omitted"
-    )
+    assert front.messages[0] == f"{off} measured pixels lie where the form is not defined: omitted"
     assert front.audit["n_points"] == within(10.2e-3)(x, y).sum()
 
 
