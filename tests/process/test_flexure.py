@@ -326,7 +326,7 @@ class TestBadInput:
         log = sweeps()
         with pytest.raises(UnitError, match="mV"):
             flexure_calibration(Recording(log.t, log.channels, units={"voltage": "mV"}))
-        with pytest.raises(InvalidSamplesError, match="gap"):
+        with pytest.raises(DataError, match="gap"):
             flexure_calibration(log, displacement="gap")
         renamed = Recording(
             log.t, {"a": log["voltage"], "b": log["displacement"]}, units={"a": "V", "b": "m"}
