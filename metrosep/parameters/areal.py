@@ -144,8 +144,7 @@ def areal_parameters(
     curvature_window : {3, 5}, optional
         Pixels across the square whose least-squares quadratic gives Spc and Svc.
     edition : {"ISO 25178-2:2021", "ISO 25178-2:2012"}, optional
-        2021 says Smrk1 and Smrk2 for Smr1 and Smr2 and takes Std from the amplitude of the spectrum,
-        2012 from its power; Ssw, Svd, Svc, Sak1, Sak2, Spkx and Svkx are new in 2021 (recalled).
+        2021 says Smrk1 and Smrk2 for Smr1 and Smr2; Ssw, Svd, Svc, Sak1, Sak2, Spkx and Svkx are new in 2021 (recalled).
 
     Returns
     -------
@@ -395,9 +394,9 @@ _ROWS = (
     Row(
         "Std",
         "rad",
-        "direction of the largest angular spectrum (2021: of the amplitude, 2012: of the power), from +x "
-        "to +y, 0 to pi; the lay is at right angles to it",
-        lambda w: texture_direction(w.acf, of="power" if w.edition == _OLD else "amplitude"),
+        "direction of the largest angular power spectrum, from +x to +y, 0 to pi; the lay is at right "
+        "angles to it",
+        lambda w: texture_direction(w.acf),
     ),
     Row(
         "Ssw",

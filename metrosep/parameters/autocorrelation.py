@@ -345,7 +345,7 @@ def dominant_wavelength(z: ArrayLike, dx: float, dy: float = 1.0) -> float:
 
 
 def texture_direction(
-    acf: Autocorrelation, *, of: Literal["amplitude", "power"] = "amplitude"
+    acf: Autocorrelation, *, of: Literal["amplitude", "power"] = "power"
 ) -> float:
     """Return the direction Std in which the angular spectrum is largest.
 
@@ -353,8 +353,8 @@ def texture_direction(
     map with holes has one too. Its amplitude or power is summed in sectors of 0.25 deg inside the largest
     circle of frequencies that both axes have, and smoothed over the angle by a Gaussian of 2 deg.
 
-    Source: ISO 25178-2:2021, 4.3.4, takes the amplitude, the 2012 edition the power (both recalled, not
-       checked).
+    Source: ISO 25178-2:2012, 4.2.3, takes the power (recalled); whether 2021, 4.3.4, takes the amplitude
+       could not be checked.
     """
     angles, spectrum = _angular_spectrum(acf, of)
     best = int(np.argmax(spectrum))

@@ -14,6 +14,7 @@ from metrosep.parameters.areal import (
     is_form_removed,
 )
 from metrosep.parameters.areal_heights import height_statistics
+from metrosep.parameters.autocorrelation import autocorrelation, texture_direction
 from metrosep.parameters.material_ratio import abbott_curve
 
 UM, NM = 1e-6, 1e-9
@@ -368,8 +369,8 @@ def test_direction_of_amplitudes_and_of_powers():
     more = sum(np.cos(y / n + n) for n in (8, 9, 10, 11.5, 13, 15, 18))
     z = np.cos(x / 14) + 0.33 * more
     surface = Surface(z * NM, UM, UM)
-    amplitude = areal_parameters(surface, names=["Std"])["Std"].value
-    power = areal_parameters(surface, names=["Std"], edition=OLD)["Std"].value
+    amplitude = texture_direction(autocorrelation(surface.z, UM, UM), of="amplitude")
+    power = areal_parameters(surface, names=["Std"])["Std"].value
     degree = np.pi / 180
     assert amplitude == pytest.approx(np.pi / 2, abs=degree)
     assert min(power, np.pi - power) < degree
