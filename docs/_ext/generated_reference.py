@@ -57,7 +57,8 @@ def generate(app: Sphinx) -> None:
     """Write all pages and remove those that no longer exist."""
     folder = Path(app.srcdir) / "reference" / "generated"
     folder.mkdir(parents=True, exist_ok=True)
-    pages = {f"{name}.rst": package_page(name, title) for name, title in PACKAGES.items()}
+    shown: set[type] = set()
+    pages = {f"{name}.rst": package_page(name, title, shown) for name, title in PACKAGES.items()}
     pages["command-line.rst"] = command_line_page()
     pages["formats.rst"] = formats_page()
     pages["controllers-list.rst"] = controllers_page()
@@ -74,22 +75,29 @@ def generate(app: Sphinx) -> None:
 # ---- Python names ------------------------------------------------------------------------------
 
 
-def package_page(name: str, title: str) -> str:
+def package_page(name: str, title: str, shown: set[type]) -> str:
     """Page of one package: what it is, and the names that it exports."""
     path = f"metrosep.{name}"
     lines = [*_heading(title, "="), f"``{path}``", ""]
     lines += [*(inspect.getdoc(importlib.import_module(path)) or "").splitlines(), ""]
     for public, value in sorted(exported(path).items()):
-        lines += _directive(f"{path}.{public}", value)
+        lines += _directive(f"{path}.{public}", value, shown)
     return "\n".join(lines) + "\n"
 
 
-def _directive(target: str, value: object) -> list[str]:
+def _directive(target: str, value: object, shown: set[type]) -> list[str]:
     if inspect.isclass(value):
-        lines = [f".. autoclass:: {target}", "   :members:", ""]
+        # a class that another page shows has its place in the index there
+        again = ["   :no-index:"] if value in shown else []
+        shown.add(value)
+        lines = [f".. autoclass:: {target}", "   :members:", *again, ""]
         for name, member in sorted(inherited(value).items()):
-            kind = "autoproperty" if isinstance(member, property) else "automethod"
-            lines += [f"   .. {kind}:: {target}.{name}", ""]
+            kind = (
+                "autoproperty" if isinstance(member, property)
+                else "automethod" if inspect.isroutine(member) or isinstance(member, classmethod | staticmethod)
+                else "autoattribute"
+            )  # fmt: skip
+            lines += [f"   .. {kind}:: {target}.{name}", *("   " + a for a in again), ""]
         return lines
     if inspect.isfunction(value):
         return [f".. autofunction:: {target}", ""]
@@ -212,7 +220,7 @@ def steps_page() -> str:
                 f"``{key['name']}``",
                 key["kind"] + (", required" if key["required"] else ""),
                 ", ".join(map(str, key["choices"])),
-                "" if key["default"] is None else f"``{key['default']}``",
+                "" if key["default"] in (None, "") else f"``{key['default']}``",
                 str(key["help"]).replace("*", r"\*").replace("|", r"\|"),
             ]
             for key in step["keys"]

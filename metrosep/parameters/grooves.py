@@ -132,8 +132,8 @@ def step_height(
 
     Notes
     -----
-    A1: ``z = a x + b + h delta`` with delta 1 for |x| <= W/6 and 0 for 5W/6 <= |x| <= 3W/2, one
-    least-squares fit. That is the d of the standard, 2 |h'| with delta' = +-1.
+    A1: ``z = a x + b + h delta`` with delta 1 for ``|x| <= W/6`` and 0 for ``5W/6 <= |x| <= 3W/2``, one
+    least-squares fit. That is the d of the standard, ``2 |h'|`` with delta' = +-1.
 
     References
     ----------
