@@ -84,7 +84,7 @@ CASES = {
     "unit-asked-for.ibw": (wave([ROWS], xy="", z=""), {"error": "UnitError", "match": "declare it with unit="}),
     "two-layers.ibw": (wave([ROWS, PHASE], **NOTED), surface()),
     "phase-is-no-height.ibw": (wave([PHASE, ROWS], **{**NOTED, "names": ("PhaseRetrace", "HeightRetrace")}),
-                               {"error": "UnitError", "match": "no length"}),
+                               {"error": "UnitError", "match": "not a length"}),
     "profile.ibw": (wave(LINE, dims=(3, 0, 0, 0)),
                     {"kind": "profile", "shape": [3], "x_m": [1e-6, 3e-6, 5e-6], "z_m": LINE[0][0]}),
     "complex.ibw": (wave([ROWS], dims=(3, 2, 0, 2)), {"error": "UnsupportedFeatureError", "match": "fourth"}),

@@ -163,7 +163,7 @@ def cases():
     yield "no-unit.mat", whole, {"error": "UnitError", "match": "declares no unit"}
     pair = little.element(DOUBLE, [1.0, 2.0]) * 2
     twofold = little.matrix("c", CLASS_DOUBLE, [1, 2], pair, COMPLEX)
-    match = {"error": "UnsupportedFeatureError", "match": "left out: c"}
+    match = {"error": "UnsupportedFeatureError", "match": "omitted: c"}
     yield "complex.mat", little.file(twofold), match
 
 

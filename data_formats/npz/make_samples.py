@@ -53,7 +53,7 @@ CASES = {
     "profile.npz": (npz(x_mm=npy(X_MM), z_um=npy(Z_UM)), PROFILE),
     "objects.npz": (
         npz(x_mm=npy(X_MM), z_um=npy(Z_UM), notes=npy([], descr="|O", shape=(0,))),
-        {**PROFILE, "warnings_match": "array 'notes' was left out"},
+        {**PROFILE, "warnings_match": "array 'notes' was omitted"},
     ),
     "map.npz": (npz(map_nm=MAP), SURFACE),
     "chosen.npz": (BOTH, {**SURFACE, "options": {"sheet": "map_nm"}}),

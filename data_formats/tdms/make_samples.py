@@ -186,7 +186,7 @@ TRUTHS = {
         with_text(),
         [1e-3, 2.5e-3],
         {"probe": [-7e-9, 9e-9]},
-        {"options": {"time": "time"}, "warnings_match": "left out: note"},
+        {"options": {"time": "time"}, "warnings_match": "omitted: note"},
     ),
 }
 

@@ -639,9 +639,10 @@ class Identity:
         return out / unit.key / self.digest[:8]
 
 
-def unit_record(unit: Unit, identity: Identity) -> dict[str, Any]:
+def unit_record(unit: Unit, identity: Identity, report: str = "") -> dict[str, Any]:
     """Return what a result says of its unit."""
     return {
+        **({"report_sha256": report} if report else {}),
         "name": unit.name,
         "key": unit.key,
         "groups": dict(unit.groups),

@@ -158,6 +158,8 @@ def earlier_row(task: Task, unit: Unit, identity: Identity) -> dict[str, Any] | 
         found = units.read_mark(folder, name)
         if found is None or found["unit"].get("hash") != identity.digest:
             continue
+        if name == RESULT and found["unit"].get("report_sha256", "") != _report_hash(task, unit):
+            continue  # the numbers stay, the report would name something else
         if name == FAILED and (found.get("again", True) or found.get("metrosep") != __version__):
             continue
         return {**row_of(found, _link(folder, task, name)), **former_title(found, task.text)}
@@ -193,9 +195,7 @@ def _carry_out(
     from metrosep.recipe.run import run_recipe
     from metrosep.recipe.step_help import in_recipe_words
 
-    recipe = _recipe(task.text, task.name, task.folder, task.recipe_hash)
-    if task.stated:
-        recipe = replace(recipe, typed=task.stated)
+    recipe = _stated_recipe(task)
     folder = identity.folder(Path(task.out), unit)
     folder.mkdir(parents=True, exist_ok=True)
     for stale in folder.glob(f"{STAGE}*"):  # of a worker that was killed
@@ -204,7 +204,8 @@ def _carry_out(
     stage.mkdir()
     try:
         inside = stage if recipe.outputs else None
-        told = {"unit": unit_record(unit, identity)}  # in the reports too: made again, same bytes
+        record = unit_record(unit, identity, _report_hash(task, unit))
+        told = {"unit": record}  # in the reports too: made again, same bytes
         with in_recipe_words(recipe):
             done = run_recipe(
                 recipe, unit.target, out=inside, progress=None, with_result=False, more=told
@@ -234,6 +235,18 @@ def _keep_tables(stage: Path, folder: Path, names: list[str], *, fresh: bool) ->
     except WriteError as exc:
         exc.args = (str(exc).replace("say overwrite", "do all again (--fresh)"),)
         raise
+
+
+def _stated_recipe(task: Task) -> Recipe:
+    """Return the recipe with the fields of a report that were typed beside it."""
+    recipe = _recipe(task.text, task.name, task.folder, task.recipe_hash)
+    return replace(recipe, typed=task.stated) if task.stated else recipe
+
+
+def _report_hash(task: Task, unit: Unit) -> str:
+    from metrosep.recipe.report_fields import report_hash
+
+    return report_hash(_stated_recipe(task), [Path(file) for file in unit.files])
 
 
 @lru_cache(maxsize=4)

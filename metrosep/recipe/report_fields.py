@@ -9,6 +9,8 @@ field changes a number, so none counts in the hash of a recipe. What is missing 
 from __future__ import annotations
 
 import difflib
+import hashlib
+import json
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,6 +34,7 @@ __all__ = [
     "measured_at",
     "missing_fields",
     "problems_of",
+    "report_hash",
     "report_of",
     "report_tables",
     "stated_report",
@@ -381,6 +384,19 @@ def report_of(
         return {}
     told = problems_of(fields, measured_at(document))
     return {"report": fields, "messages": [*document.get("messages", ()), *told]}
+
+
+def report_hash(recipe: Any, files: Sequence[Path]) -> str:
+    """Return the SHA-256 of what is stated for a report; empty where nothing is.
+
+    The fields are outside the hash of the recipe, and change no number: a batch that is resumed must
+    still not keep a report that names somebody else.
+    """
+    stated = [dict(recipe.report), dict(recipe.typed), dict(recipe.look), _beside(files)]
+    if not any(stated):
+        return ""
+    text = json.dumps(stated, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
 
 
 def measured_at(document: Mapping[str, Any]) -> str:

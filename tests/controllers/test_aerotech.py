@@ -471,7 +471,7 @@ def test_corrected_axis_is_that_of_the_output_and_not_of_a_comment(area):
 
     back = Aerotech().decode(bare.encode(), NOWHERE, corrected_sign=1)
     assert (back.axes, back.compensates) == (("X", "Y"), "Y")
-    with pytest.raises(CorruptFileError, match=r"correct X, but its entries act on axis 2.*Y"):
+    with pytest.raises(CorruptFileError, match=r"corrects? X, but its entries act on axis 2.*Y"):
         Aerotech().decode(bare.encode(), NOWHERE, corrected_sign=1, names="X, Y, X")
     column = bare.replace(":START2D 2   1   1    2", ":START2D 2   1   2    1")
     assert Aerotech().decode(column.encode(), NOWHERE, corrected_sign=1).compensates == "X"

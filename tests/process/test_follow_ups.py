@@ -552,7 +552,7 @@ class TestBadLogs:
             follow_up(Recording(log.t, log.channels, units={"actual": "rad"}))
 
     def test_channel_missing(self, log):
-        with pytest.raises(InvalidSamplesError, match="encoder"):
+        with pytest.raises(NameNotFoundError, match="encoder"):
             follow_up(log, actual="encoder")
 
     @pytest.mark.parametrize(

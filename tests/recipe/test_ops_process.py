@@ -206,7 +206,7 @@ def test_surface_that_ends_before_the_part_is_named(step):
     [
         ("", 'command = "command_um"\nactual = "actual_um"\n', RecipeError, "time"),
         ("", ROLES.replace("t_s", "clock"), FormatMismatchError, "no time column"),
-        ("", 'time = "t_s"\ncommand = "command_um"\n', InvalidSamplesError, "'actual'"),
+        ("", 'time = "t_s"\ncommand = "command_um"\n', NameNotFoundError, "'actual'"),
         ('spiral = ["60 um", "2 um"]\n', ROLES, DataError, "spindle speed"),
         ('spiral = ["60 um"]\nrpm = 20\n', ROLES, DataError, "two lengths"),
         ('spiral = ["20 um", "2 um"]\nrpm = 20\n', ROLES, DataError, "before the log ends"),

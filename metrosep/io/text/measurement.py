@@ -420,7 +420,7 @@ class _Made:
             if len(table.numbers) - len(blank) == 2:
                 kept = tuple(c for c in table.columns if c.name not in blank)
                 named = ", ".join(map(repr, sorted(blank)))
-                said = f"column {named} holds no number and was left out"
+                said = f"column {named} holds no number and was omitted"
                 self.table = table = replace(table, columns=kept, warnings=(*table.warnings, said))
         numbers = [c.name for c in table.numbers]
         if x is None and z is None:

@@ -460,7 +460,7 @@ def fit_causes(found: CutBudget, error: ArrayLike, x: ArrayLike, y: ArrayLike) -
             if abs(correlation[i, j]) > _ALIKE
         ]
         if pairs:
-            said.append(f"hardly told apart on this part: {', '.join(pairs)}")
+            said.append(f"hard to distinguish on this part: {', '.join(pairs)}")
     explained = 1.0 - float(rest @ rest) / float(bare @ bare) if bare.any() else math.nan
     return CauseFit(
         amounts, u, correlation, explained, float(np.sqrt(np.mean(rest**2))), tuple(said)
