@@ -205,6 +205,8 @@ async def _received(request: Request, places: Places) -> Path:
                 await run_in_threadpool(file.write, piece)
         whole = True
     except OSError as exc:
+        if isinstance(exc, WriteError):
+            raise
         raise WriteError(f"{name}: the upload cannot be kept ({exc.strerror or exc})") from None
     except ClientDisconnect:
         raise WriteError(f"{name}: the upload was broken off") from None

@@ -115,7 +115,10 @@ class ArealParameterTable(ParameterTable):
     __slots__ = ()
 
     def own_symbol(self, symbol: str) -> str:
-        return _named(symbol, self.context.edition, canonical(symbol, AREAL))
+        own = _named(symbol, self.context.edition, canonical(symbol, AREAL))
+        # a table that an older version stored holds the symbol of 2012 under the edition of 2021
+        held = (own, _named(own, _OLD, own), _named(own, EDITION, own))
+        return next((s for s in held if s in self._quantities or s in self.unavailable), own)
 
 
 def areal_parameters(

@@ -82,7 +82,7 @@ def test_terms_are_not_replaced_without_force(call, folder, tmp_path):
 def test_a_folder_that_cannot_be_made_is_one_sentence(call, folder, tmp_path):
     (tmp_path / "file").write_text("", "utf-8")
     done = calibrated(call, folder, "--terms", "X0C", "-o", str(tmp_path / "file" / "terms"))
-    assert "folder cannot be made" in done.err
+    assert "is a file, not a folder; choose another" in done.err
     assert "internal error" not in done.err
 
 

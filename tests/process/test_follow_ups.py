@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
+    NameNotFoundError,
     NotUniformError,
     TooFewSamplesError,
     UnitError,

@@ -10,6 +10,7 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     LimitError,
     MetrosepError,
+    NameNotFoundError,
     RecipeError,
     TooFewSamplesError,
 )

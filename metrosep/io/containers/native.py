@@ -16,6 +16,7 @@ from metrosep._version import __version__
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
+    MetrosepError,
     ReadError,
     UnsupportedFeatureError,
     WriteError,
@@ -92,6 +93,8 @@ def _kind(file: RawFile, handle: Hdf5File) -> str:
 def _json(file: RawFile, handle: Hdf5File, name: str) -> dict[str, Any]:
     try:
         return decode_mapping(handle.read(name).tobytes())
+    except MetrosepError:
+        raise
     except (ValueError, RecursionError) as exc:
         raise file.corrupt(f"{name} is not JSON ({exc})") from None
 
@@ -99,6 +102,8 @@ def _json(file: RawFile, handle: Hdf5File, name: str) -> dict[str, Any]:
 def _history(file: RawFile, handle: Hdf5File) -> tuple[Step, ...]:
     try:
         return decode_history(handle.read("/history_json").tobytes())
+    except MetrosepError:
+        raise
     except (ValueError, KeyError, TypeError, RecursionError) as exc:
         raise file.corrupt(f"history_json is not a history ({exc})") from None
 

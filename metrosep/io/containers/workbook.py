@@ -131,8 +131,9 @@ class Workbook:
     def text_of(self, cell: Cell, sheet: str) -> str:
         """Return what a cell holds as text: a number as it is written, an error by its sign."""
         if cell.kind == "s":
+            shared = self._shared
             try:
-                return self._shared[_index(cell.text)] if cell.text else ""
+                return shared[_index(cell.text)] if cell.text else ""
             except (ValueError, IndexError):
                 raise self._bad(cell, sheet, "that is not a value") from None
         if cell.kind != "n" or not cell.text:
