@@ -330,7 +330,10 @@ def _tables(
 
 
 def _own_error(made: MachineTables, axis: str) -> tuple[Callable[..., Any], float]:
-    """Return by how much the commands of an axis are wrong, about the reference, and the P-V at the nodes."""
+    """Return by how much the commands of an axis are wrong, about the reference, and its P-V.
+
+    The P-V is that at the nodes and between them: a wave as long as the spacing is nothing at the nodes.
+    """
     import numpy as np
 
     table = made[axis]
@@ -349,7 +352,8 @@ def _own_error(made: MachineTables, axis: str) -> tuple[Callable[..., Any], floa
         parts = np.einsum("...i,...i->...", inverse[..., k, :], found[..., made.source.known])
         return parts - offset
 
-    return error, float(np.ptp(error(*np.meshgrid(*made.source.grid, indexing="ij"))))
+    places = made.between()
+    return error, float(np.ptp(error(*(places[a] for a in made.over))))
 
 
 # ---- three axes ---------------------------------------------------------------------------------
@@ -512,6 +516,8 @@ def _prepared(
     from metrosep.controllers.files import prepare, simulate
     from metrosep.controllers.options import split_machine
     from metrosep.controllers.registry import find
+    from metrosep.core.errors import WriteError
+    from metrosep.core.units import format_length
 
     dialect = find(name)
     given = name_values(options["facts"], "--machine")
@@ -526,12 +532,26 @@ def _prepared(
     lookups: dict[tuple[tuple[str, ...], str], Callable[..., Any]] = {}
     with tempfile.TemporaryDirectory(prefix="metrosep-machine-") as temporary:
         for key, (table, error, size) in wanted.items():
+            place = folder / f"{stems[key]}{dialect.info.suffix}"
+            named = f"{key[1]} over {', '.join(key[0])}"
             # what the corrections of other axes add to it, second order, is judged with all files together
-            if table.stroke < ZERO or size < ZERO:
+            if size < ZERO:
+                if place.exists():
+                    raise WriteError(
+                        f"{place}: is a table of an earlier call, and {named} needs no correction now; "
+                        "remove it, or choose another folder with -o"
+                    )
+                idle = [fact for fact, _ in given if fact.lower().startswith(f"{stems[key]}.")]
                 say(
-                    f"note: {key[1]} over {', '.join(key[0])} needs no correction and gets no file"
+                    f"note: {named} needs no correction and gets no file"
+                    + (f"; {', '.join(idle)} has no use" if idle else "")
                 )
                 continue
+            if table.stroke < ZERO:
+                raise click.UsageError(
+                    f"{named}: the error of {format_length(size, digits=3)} P-V is nothing at every node, "
+                    "so the table holds none of it; give other positions or a finer spacing"
+                )
             own = [(k.rpartition("."), v) for k, v in given]
             facts: dict[str, Any] = {
                 k.replace("-", "_"): v
@@ -540,7 +560,7 @@ def _prepared(
             }
             prepared = prepare(
                 table,
-                folder / f"{stems[key]}{dialect.info.suffix}",
+                place,
                 name,
                 verified_against=error,
                 waive=options["waive"],

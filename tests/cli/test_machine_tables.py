@@ -615,3 +615,43 @@ def test_an_axis_that_only_rounding_and_the_other_corrections_move_gets_no_file(
     place, correction = columns(tmp_path / "out" / "y-x.csv")[:2]
     # ECY turns the tool about the reference of Y, so X is what EXY says; the correction is its negative
     assert np.abs(correction + 3 * np.sin(place / 50)).max() < 2e-3
+
+
+def straightness_of_y(tmp_path, name, of_y):
+    y = np.arange(-200.0, 200.5, 1.0)
+    rows = [f"{v:g},{5 * np.sin(v / 50):.6f},{of_y(v):.6f}" for v in y]
+    (tmp_path / name).write_text("\n".join(["y_mm,EXY_um,EYY_um", *rows, ""]))
+
+
+TABLES_OVER_Y = (
+    "--over", "Y", "--at", "X=0 mm", "--at", "Z=0 mm", "--at", "A=0 deg", "--at", "C=0 deg",
+    "--pivot-height", "80 mm", "--spacing", "20 mm", "-o", "out",
+)  # fmt: skip
+
+
+def test_the_table_of_an_earlier_call_is_not_left_where_no_correction_is_needed(
+    metrosep, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    straightness_of_y(tmp_path, "before.csv", lambda v: 4 * np.sin(v / 60))
+    straightness_of_y(tmp_path, "after.csv", lambda v: 0.0)
+    code, _, err = metrosep("machine-tables", "five_axis", "before.csv", *TABLES_OVER_Y)
+    assert code == 0, err
+    old = (tmp_path / "out" / "y-y.csv").read_bytes()
+
+    code, _, err = metrosep("machine-tables", "five_axis", "after.csv", *TABLES_OVER_Y, "--force")
+
+    assert code == 2
+    assert "y-y.csv: is a table of an earlier call" in err
+    assert (tmp_path / "out" / "y-y.csv").read_bytes() == old
+
+
+def test_a_wave_as_long_as_the_spacing_is_not_called_nothing(metrosep, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    straightness_of_y(tmp_path, "wave.csv", lambda v: 5 * np.sin(2 * np.pi * v / 20))
+
+    code, _, err = metrosep("machine-tables", "five_axis", "wave.csv", *TABLES_OVER_Y)
+
+    assert code == 2
+    assert "Y over Y: the error of 10 um P-V is nothing at every node" in err.replace("\n", " ")
+    assert not (tmp_path / "out").exists()
