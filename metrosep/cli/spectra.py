@@ -32,6 +32,13 @@ __all__ = ["psd"]
     show_default=True,
     help="Largest share of holes that may be filled.",
 )
+@click.option(
+    "--estimate",
+    type=click.Choice(["auto", "heights", "slopes"]),
+    default="auto",
+    show_default=True,
+    help="What is transformed; auto: slopes where the spectrum falls faster than 1/f.",
+)
 @click.option("-o", "--out", metavar="DIR", help="Folder for the report and result.json.")
 @file_options
 @json_option
@@ -40,6 +47,7 @@ def psd(
     limit: str,
     form_text: str,
     max_filled: float,
+    estimate: str,
     out: str | None,
     reading: dict[str, Any],
     as_json: bool,
@@ -62,6 +70,7 @@ def psd(
         'op = "psd"',
         f"limit = {quoted(limit)}",
         f"max_filled = {max_filled}",
+        f"estimate = {quoted(estimate)}",
     ]
     lines += ["", "[[check]]", 'metric = "PSD"', "", "[[output]]", 'kind = "report"', ""]
     recipe = Recipe.parse("\n".join(lines), name="command line")
@@ -79,7 +88,8 @@ def psd(
         }
         click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
     else:
-        click.echo(f"{Path(file).name}: {found.limit.text}")
+        taken = measured.stages[-1].audit["estimate"]
+        click.echo(f"{Path(file).name}: {found.limit.text}, spectrum from {taken}")
         click.echo("  wavelengths / mm      density / limit   verdict")
         for band in bands:
             low, high = (1e3 * w for w in band["wavelength_m"])

@@ -27,6 +27,8 @@ from metrosep.spectral.spectra import Psd
 __all__ = ["BandResult", "PsdLimit", "PsdVerdict", "judge_psd", "psd_limit"]
 
 _PER_OCTAVE = 3
+_WAVES = 8
+"""Waves across the outline: below, the width of the window counts. `MaskedPsd.lowest` is that of two."""
 _RISK = 0.05
 _GRAMMAR = (
     'A limit is written as "A = 0.02 um^3, B = 2 from 0.1 mm to 5 mm" (PSD = A / f^B with f in '
@@ -295,7 +297,8 @@ def judge_psd(spectrum: MaskedPsd, limit: PsdLimit) -> PsdVerdict:
     ``mean 2 n / chi2_0.95(2 n) > limit`` in any. n is the width of the band times the effective
     length of the window, times the evenness (sum P)^2 / (N sum P^2) of the density in it, at least 1;
     parallel lines of a map hang together, so their number adds none. Bands beyond what the
-    measurement reaches are inconclusive.
+    measurement reaches are inconclusive. Where a falling spectrum was taken from heights, bands of
+    fewer than 8 waves across the outline read high, which a note says.
     """
     names = ("x", "y")
     results = []
@@ -306,7 +309,9 @@ def judge_psd(spectrum: MaskedPsd, limit: PsdLimit) -> PsdVerdict:
         outcome = worst([b.verdict for b in bands]) or "inconclusive"
         if notes and outcome == "accept":
             outcome = "inconclusive"
-        results.append(PsdVerdict(limit, bands, name, outcome, psd, tuple(notes)))
+        long = sum(b.low < _WAVES * 0.5 * lowest * (1.0 - 1e-9) for b in bands)
+        told = [_reads_high(long, len(bands))] if long and spectrum.reads_high else []
+        results.append(PsdVerdict(limit, bands, name, outcome, psd, (*notes, *told)))
     order = {"reject": 2, "inconclusive": 1, "accept": 0}
     chosen = max(results, key=lambda r: (order[r.verdict], r.worst.ratio))
     if spectrum.filled_share:
@@ -316,6 +321,15 @@ def judge_psd(spectrum: MaskedPsd, limit: PsdLimit) -> PsdVerdict:
             (*chosen.notes, closed),
         )  # fmt: skip
     return chosen
+
+
+def _reads_high(long: int, n: int) -> str:
+    """Return what is known of the bias of the lowest bands: `docs/explanation/power-spectral-density`."""
+    return (
+        f"{long} of {n} bands hold waves of which fewer than {_WAVES} fit across, and the spectrum falls: from "
+        "heights it reads high there, by up to 17 % (f^-3) or 35 % (f^-4), on the safe side of a limit; take it "
+        'from slopes (estimate = "slopes", detrend = "plane")'
+    )
 
 
 def _bands(

@@ -515,7 +515,7 @@ def _psd(obj: Measured, options: Mapping[str, Any]) -> Done:
     from metrosep.parameters.psd_limits import judge_psd, psd_limit
     from metrosep.spectral.masked import masked_psd
 
-    keys = ("detrend", "max_filled")
+    keys = ("detrend", "max_filled", "estimate")
     spectrum = masked_psd(obj, **{k: options[k] for k in keys if k in options})
     found = judge_psd(spectrum, psd_limit(options["limit"]))
     ratio = Quantity(

@@ -270,6 +270,10 @@ def _check_psd(options: Mapping[str, Any]) -> None:
         raise StepError(f"limit: {exc}", "limit") from None
     if not 0.0 <= options.get("max_filled", 0.1) <= 1.0:
         raise StepError("max_filled is a share from 0 to 1", "max_filled")
+    if options.get("estimate") == "slopes" and options.get("detrend") == "mean":
+        raise StepError(
+            'estimate = "slopes" goes with detrend = "plane" or "quadratic"', "estimate"
+        )
 
 
 def _check_nothing(options: Mapping[str, Any]) -> None:
@@ -544,6 +548,12 @@ PSD: Mapping[str, Option] = {
         choices=("mean", "plane", "quadratic"),
         help="taken off before the spectrum",
         default="plane",
+    ),
+    "estimate": Option(
+        "text",
+        choices=("auto", "heights", "slopes"),
+        help="what is transformed; auto takes the slopes where the spectrum falls faster than 1/f",
+        default="auto",
     ),
     "max_filled": Option(
         "number", help="largest share of holes inside the outline that is closed", default=0.1

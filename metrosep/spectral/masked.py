@@ -12,7 +12,7 @@ of two samples passes. At the highest frequencies closing loses about the share 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -59,6 +59,9 @@ class MaskedPsd:
         Share of the pixels inside the outline that were closed.
     estimate : {"heights", "slopes"}
         What was transformed.
+    reads_high : bool
+        Whether the density of heights falls faster than 1/f and was taken from heights all the same:
+        its lowest bands hold more than is there.
     """
 
     areal: ArealPsd | None
@@ -68,6 +71,7 @@ class MaskedPsd:
     lowest: tuple[float, ...]
     filled_share: float
     estimate: Literal["heights", "slopes"]
+    reads_high: bool
 
     def radial(self) -> RadialPsd:
         """Return the mean over all directions.
@@ -198,9 +202,8 @@ def masked_psd(
     z = _closed(z, outline, measured, steps)
     power, w = _of_heights(z, outline, steps, is_map=is_map)
     taken: Literal["heights", "slopes"] = "heights"
-    if estimate == "slopes" or (
-        estimate == "auto" and detrend != "mean" and _falls(power, z.shape, steps)
-    ):
+    falls = _falls(power, z.shape, steps)
+    if estimate == "slopes" or (estimate == "auto" and detrend != "mean" and falls):
         power, w = _of_slopes(z, outline, steps, is_map=is_map)
         taken = "slopes"
     facts = {
@@ -210,7 +213,8 @@ def masked_psd(
         "estimate": taken,
     }
     history = (*obj.history, Step("masked_psd", facts))
-    return _spectrum(power, w, steps, share, taken, history, is_map=is_map)
+    made = _spectrum(power, w, steps, share, taken, history, is_map=is_map)
+    return replace(made, reads_high=falls and taken == "heights")
 
 
 def _steps(obj: Surface | Profile) -> tuple[float, float]:
@@ -411,4 +415,6 @@ def _spectrum(
         f_y, f_x = (fft.fftshift(fft.fftfreq(n, s)) for n, s in zip(shape, steps, strict=True))
         areal = ArealPsd(f_x, f_y, fft.fftshift(power), history)
     area = cell * energy**2 / float((squares**2).sum())
-    return MaskedPsd(areal, tuple(one_sided), tuple(lengths), area, tuple(lowest), share, estimate)
+    return MaskedPsd(
+        areal, tuple(one_sided), tuple(lengths), area, tuple(lowest), share, estimate, False
+    )

@@ -85,3 +85,18 @@ def test_more_of_the_document_is_in_the_result(sets, tmp_path, out):
     done = run_recipe(Recipe.parse(RUNS), sets / "s1", out=place, progress=None, more=more)
 
     assert done.document["unit"] == {"name": "x"}
+
+
+def test_a_batch_that_is_resumed_does_not_keep_the_fields_of_another_report(
+    recipe_text, inbox, tmp_path
+):
+    def persons(name):
+        recipe = Recipe.parse(recipe_text, report=[f"persons.measured={name}"])
+        report = run_batch(recipe, inbox, out=tmp_path / "qa", scheduler="serial")
+        row = next(r for r in report.rows if r["status"] == "accepted")
+        kept = (tmp_path / "qa" / row["link"]).read_text(encoding="utf-8")
+        return row["skipped"], [n for n in ("Ann", "Eve") if n in kept]
+
+    assert persons("Ann") == (False, ["Ann"])
+    assert persons("Ann") == (True, ["Ann"])
+    assert persons("Eve") == (False, ["Eve"])

@@ -91,3 +91,30 @@ def test_a_psd_check_has_no_limits_of_its_own(metrosep, disc, tmp_path):
     code, _, err = metrosep("run", recipe, "-o", tmp_path / "out")
     assert code == 2
     assert "r.toml:9" in err
+
+
+def test_a_falling_spectrum_from_heights_says_that_its_low_bands_read_high(metrosep, disc):
+    limit = "rms = 60 nm from 0.05 mm to 1.4 mm"
+    found = {}
+    for estimate in ("heights", "slopes", "auto"):
+        _, out, _ = metrosep("psd", disc, "--limit", limit, "--estimate", estimate, "--json")
+        found[estimate] = json.loads(out)
+
+    longest = {k: v["bands"][0]["mean"] for k, v in found.items()}
+    assert longest["heights"] > longest["slopes"] == longest["auto"]
+    high = {k: any("reads high" in n for n in v["notes"]) for k, v in found.items()}
+    assert high == {"heights": True, "slopes": False, "auto": False}
+
+
+def test_slopes_cannot_keep_a_tilt(metrosep, disc, tmp_path):
+    recipe = tmp_path / "r.toml"
+    recipe.write_text(
+        'metrosep = 1\n[input]\nfiles = ["disc.h5"]\n[[step]]\nop = "psd"\n'
+        'limit = "rms = 60 nm from 0.05 mm to 1 mm"\ndetrend = "mean"\nestimate = "slopes"\n'
+        '[[check]]\nmetric = "PSD"\n',
+        encoding="utf-8",
+    )
+    code, out, _ = metrosep("check", recipe)
+    assert code == 2
+    assert "r.toml:8" in out
+    assert 'goes with detrend = "plane"' in out
