@@ -181,9 +181,13 @@ def _with_quantities(
 ) -> tuple[list[Column], list[str]]:
     """Return the columns, those of numbers with one unit (1.5 mm) as numbers, and what is odd about them."""
     words = NO_READING | {m for m in head.options.missing or () if isinstance(m, str)}
+    markers = {m for m in head.options.missing or () if isinstance(m, float)}
+    plain = head.layout.dialect.plain
     made, said = list(columns), []
     for k, column in enumerate(columns):
         texts = ["" if t.lower() in words else t for t in column.labels or ()]
+        if markers:  # also without the unit of the others
+            texts = ["" if float(plain(t) or "nan") in markers else t for t in texts]
         if not any(t[:1] in _DIGITS for t in texts if t):
             continue
         found = [quantity(t, head.layout.dialect) for t in texts]
@@ -197,7 +201,7 @@ def _with_quantities(
                     f"column {column.name!r} of numbers with the unit {(column.unit or unit).name}"
                 )
                 raise bad_field(file, int(lines[i]), text, where)
-            values[i] = np.nan if own is None else own[0]
+            values[i] = np.nan if own is None or own[0] in markers else own[0]
         made[k] = Column(column.name, unit, values)
         if out := [i for i, t in enumerate(column.labels or ()) if t.lower() in BEYOND]:
             first = (column.labels or ())[out[0]]
