@@ -64,16 +64,24 @@ def own_runs(file: RawFile, table: Table) -> RunSet | None:
         return None
     notes = header_notes(file, comments)
     by_name = {c.name: c.values for c in table.columns}
-    run = table["run"]
-    names = np.array(run.labels if run.labels is not None else run.values)
-    if names.dtype.kind == "f":  # numbers of runs, as they were written
-        names = np.array([f"{n:.15g}" for n in names])
+    names = np.array(table["run"].labels or (), dtype=object)
     order = dict.fromkeys(names.tolist())
     columns = [by_name.get(name) for name in (x, z, "t_s", "feed_m_s")]
     runs = []
     for name in order:
         rows = names == name
         own_x, own_z, t, feed = (None if c is None else c[rows] for c in columns)
+        other = (
+            ()
+            if feed is None
+            else np.flatnonzero(np.nan_to_num(feed, nan=-1.0) != np.nan_to_num(feed[0], nan=-1.0))
+        )
+        if len(other):
+            raise file.corrupt(
+                f"the feed changes within run {name!r}",
+                field=f"line {int(table.lines[rows][other[0]])}",
+                hint="give each run a name of its own in column 'run'",
+            )
         runs.append(
             Run(
                 own_x if own_x is not None else (),
@@ -85,7 +93,7 @@ def own_runs(file: RawFile, table: Table) -> RunSet | None:
         )
     metadata = {
         **({} if units == ["m", "m"] else {"unit": units[0], "z_unit": units[1]}),
-        "files": ({"file": file.name, "sha256": file.sha256},),
+        "files": ({"file": file.name, "sha256": file.sha256, "lines": table.ledger},),
         "warnings": (*table.warnings, *notes.warnings),
     }
     return RunSet(runs, metadata=metadata, history=(*notes.history, *file.history("delimited")))

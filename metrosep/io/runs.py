@@ -164,6 +164,7 @@ def read_runs(
     )
     runs: list[Run] = []
     history: list[Step] = []
+    ledgers: list[Mapping[str, Any]] = []
     warnings: list[str] = []
     for path, file_feed in zip(files, feeds, strict=True):
         file, table, format_id = columns_of(open_file(path), layout)
@@ -179,6 +180,7 @@ def read_runs(
             table = without_empty_rows(table)
         said = (*table.warnings, *(interruption(table) if clocked.time is None else ()))
         warnings.extend(f"{file.name}: {w}" for w in said)
+        ledgers.append(table.ledger)
         held = [table]
         del table  # what was read is given up as soon as the runs hold it
         runs.extend(_runs_of(file, held, clocked, file_feed))
@@ -191,7 +193,8 @@ def read_runs(
     metadata = {
         **({} if (unit, z_unit) == ("m", "m") else {"unit": unit, "z_unit": z_unit}),
         "files": tuple(
-            {"file": s.parameters["file"], "sha256": s.parameters["sha256"]} for s in history
+            {"file": s.parameters["file"], "sha256": s.parameters["sha256"], "lines": ledger}
+            for s, ledger in zip(history, ledgers, strict=True)
         ),
         "warnings": tuple(warnings),
     }
@@ -211,8 +214,16 @@ def _stored(files: Sequence[str | os.PathLike[str]]) -> RunSet:
         parts.append(stored)
     if len(parts) == 1:
         return parts[0]
+    units = {(p.metadata.get("unit", "m"), p.metadata.get("z_unit", "m")) for p in parts}
+    if len(units) > 1:
+        raise UnitError("some files hold angles and others lengths: read them one kind at a time")
     history = tuple(step for part in parts for step in part.history)
-    return RunSet([run for part in parts for run in part], history=history)
+    metadata = {
+        **{k: parts[0].metadata[k] for k in ("unit", "z_unit") if k in parts[0].metadata},
+        "files": tuple(f for part in parts for f in part.metadata.get("files", ())),
+        "warnings": tuple(w for part in parts for w in part.metadata.get("warnings", ())),
+    }
+    return RunSet([run for part in parts for run in part], metadata=metadata, history=history)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ import importlib
 import inspect
 import io
 import os
+import unicodedata
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -178,8 +179,26 @@ def _csv(obj: Surface | Profile | Recording | RunSet) -> bytes:
 
 def _runs(runs: RunSet) -> bytes:
     columns = run_table(runs).columns
-    texts = [c.labels or () if c.values is None else _texts(c.values) for c in columns]
+    texts = [
+        [_quoted(label) for label in c.labels or ()] if c.values is None else _texts(c.values)
+        for c in columns
+    ]
     return _table([c.name for c in columns], texts, runs)
+
+
+def _quoted(label: str) -> str:
+    """Return the name of a run in quotes, so that it is a name whatever it looks like."""
+    odd = [c for c in label if unicodedata.category(c) in _LOST]
+    if odd or label != label.strip():
+        what = f"the character {odd[0]!r}" if odd else "blanks at an end"
+        raise WriteError(
+            f"the name of run {label!r} holds {what}, which does not come back from text; rename that run"
+        )
+    return '"' + label.replace('"', '""') + '"'
+
+
+_LOST = frozenset({"Cc", "Cs", "Zl", "Zp"})
+"""Characters that end lines, steer or cannot be written."""
 
 
 def _table(
@@ -189,9 +208,8 @@ def _table(
 ) -> bytes:
     stream = io.StringIO()
     stream.write(_comments(obj))
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows(zip(*columns, strict=True))
+    csv.writer(stream, lineterminator="\n").writerow(names)
+    stream.writelines(",".join(row) + "\n" for row in zip(*columns, strict=True))
     return stream.getvalue().encode("utf-8")
 
 

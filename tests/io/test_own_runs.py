@@ -59,6 +59,63 @@ def test_runs_of_an_axis_that_turns_keep_their_units(tmp_path):
     assert "read" in [s.name for s in back.history]
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("#1", "#2", "ref"), ("#", "!!"), ("%1", "//2", "; 3"), ("7", "07"), ("1", "1.0"),
+        ("1e3", "1000"), ("-", "--"), ("nan", "NaN", "N/A"), ("inf", "-inf"), ("#N/A", "bad"),
+        ("2026-01-01", "2026-01-02", "ref"), ("5 mm", "6 mm", "x"), ("1", "2", "9999"),
+        ("1.000", "990"), ("1;2;3", "4|5", "# 6,7,8"), ("0,5",), ("", "x"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("door", [ms.read, ms.read_runs])
+def test_a_name_of_a_run_is_a_name_whatever_it_looks_like(tmp_path, names, door):
+    runs = ms.RunSet([ms.Run(X, (k + 1) * Z, run_id=n) for k, n in enumerate(names)])
+
+    back = door(ms.write(runs, tmp_path / "runs.csv"))
+
+    assert [r.run_id for r in back] == [n or "0" for n in names]
+    assert [r.z.tolist() for r in back] == [r.z.tolist() for r in runs]
+    assert back.metadata["warnings"] == ()
+    assert back.metadata["files"][0]["lines"]["data"] == len(names) * X.size
+
+
+@pytest.mark.parametrize("name", ["A ", " A", "a\nb", "a\rb", "a\u2028b", "a\tb", "\ud800"])
+def test_a_name_that_would_not_come_back_is_refused_on_writing(tmp_path, name):
+    runs = ms.RunSet([ms.Run(X, Z, run_id="A"), ms.Run(X, 2.0 * Z, run_id=name)])
+
+    with pytest.raises(ms.errors.WriteError, match="does not come back from text"):
+        ms.write(runs, tmp_path / "runs.csv")
+    assert not (tmp_path / "runs.csv").exists()
+
+
+@pytest.mark.parametrize("feed", ["0.02", ""])
+def test_a_feed_that_changes_within_a_run_is_refused_by_its_line(tmp_path, feed):
+    path = ms.write(ms.RunSet([ms.Run(X, Z, feed=0.05, run_id="a")]), tmp_path / "runs.csv")
+    lines = path.read_text().splitlines()
+    at = lines.index("run,feed_m_s,t_s,x_m,z_m") + 8
+    lines[at] = lines[at].replace(",0.05,", f",{feed},")
+    path.write_text("\n".join(lines) + "\n")
+
+    with pytest.raises(ms.errors.ReadError, match=rf"feed changes within run 'a'.*line {at + 1}"):
+        ms.read(path)
+
+
+def test_several_files_of_an_axis_that_turns_keep_their_units_and_warnings(tmp_path):
+    turning = ms.RunSet([ms.Run(X, Z, run_id="a")], metadata={"unit": "rad", "z_unit": "rad"})
+    paths = [ms.write(turning, tmp_path / f"{k}.csv") for k in range(2)]
+    paths[1].write_text(paths[1].read_text().rstrip("\n"))  # no line end: a warning
+
+    back = ms.read_runs(paths)
+
+    assert (back.metadata["unit"], back.metadata["z_unit"]) == ("rad", "rad")
+    assert "no line end" in back.metadata["warnings"][0]
+    assert [f["file"] for f in back.metadata["files"]] == ["0.csv", "1.csv"]
+    plain = ms.write(ms.RunSet([ms.Run(X, Z)]), tmp_path / "m.csv")
+    with pytest.raises(ms.errors.UnitError, match="one kind at a time"):
+        ms.read_runs([*paths, plain])
+
+
 @pytest.mark.parametrize("suffix", ["csv", "h5"])
 def test_the_call_that_check_prints_separates_them(tmp_path, suffix, capsys):
     rng = np.random.default_rng(5)

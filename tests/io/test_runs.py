@@ -340,3 +340,36 @@ def test_an_empty_last_column_with_a_name_does_not_shift_those_of_a_long_text(
     read = ms.read(path, x="x_mm", z="z_um")
 
     assert (read.x[7], read.z[8]) == (7e-6, 1.12345678901e-6)
+
+
+@pytest.mark.parametrize("name", ["#1", "%1", "!1", "//1"])
+@pytest.mark.parametrize("place", [0, 1, 2])
+@pytest.mark.parametrize("mark", [";", ",", "\t", " "])
+def test_a_run_that_is_named_like_a_comment_is_not_lost(tmp_path, name, place, mark):
+    names = ["B", "C"]
+    names.insert(place, name)
+    rows = [(run, f"{i}", f"{0.1 * i + k:.1f}") for k, run in enumerate(names) for i in range(5)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(mark.join(r) for r in [("run", "x_mm", "z_um"), *rows]) + "\n")
+
+    runs = ms.read_runs(path, x="x_mm", z="z_um", run="run")
+
+    assert [r.run_id for r in runs] == names
+    assert runs[place].z[0] == pytest.approx(place * 1e-6, rel=0.0, abs=1e-15)
+    (warning,) = runs.metadata["warnings"]
+    assert f"5 line(s) (first: line {2 + 5 * place})" in warning
+    assert runs.metadata["files"][0]["lines"]["data"] == 15
+
+
+@pytest.mark.parametrize("row", [0, 7])
+def test_a_row_that_became_a_comment_is_reported_by_its_line(tmp_path, row):
+    rows = [f"{'# ' if i == row else ''}{i};{0.1 * i:.1f}" for i in range(12)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["x_mm;z_um", "# stage warm since 8, 20 degC", *rows]) + "\n")
+
+    profile = ms.read(path)
+
+    assert len(profile) == 11
+    (warning,) = profile.metadata["warnings"]
+    assert f"line {3 + row}" in warning
+    assert "left out as comments" in warning

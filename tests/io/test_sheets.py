@@ -823,3 +823,59 @@ def test_a_million_empty_rows_take_a_moment(book):
 
     assert len(found) == len(Z)
     assert time.process_time() - begun < QUICK
+
+
+def open_document(folder, rows):
+    """Write an .ods sheet by hand: cells as (type, value, what is shown)."""
+    spaces = " ".join(
+        f'xmlns:{short}="urn:oasis:names:tc:opendocument:xmlns:{name}:1.0"'
+        for short, name in (("office", "office"), ("table", "table"), ("text", "text"))
+    )
+    cells = "".join(
+        "<table:table-row>"
+        + "".join(
+            f'<table:table-cell office:value-type="{kind}"'
+            + (f' office:value="{value}"' if kind == "float" else "")
+            + f"><text:p>{shown}</text:p></table:table-cell>"
+            for kind, value, shown in row
+        )
+        + "</table:table-row>"
+        for row in rows
+    )
+    path = folder / "book.ods"
+    with zipfile.ZipFile(path, "w") as made:
+        made.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
+        made.writestr(
+            "content.xml",
+            f"<office:document-content {spaces}><office:body><office:spreadsheet>"
+            f'<table:table table:name="A">{cells}</table:table>'
+            "</office:spreadsheet></office:body></office:document-content>",
+        )
+    return path
+
+
+def test_a_number_that_is_shown_with_a_hash_is_a_number_and_an_error_is_none(tmp_path):
+    rows = [[("string", "", n) for n in ("x_mm", "z_um")]]
+    rows += [[("float", i, f"#{i}"), ("float", 0.1 * i, f"{0.1 * i:.1f}")] for i in range(8)]
+    rows[4][1] = ("string", "", "#DIV/0!")
+    rows[6][1] = ("float", 0, "#VALUE!")
+
+    profile = ms.read(open_document(tmp_path, rows))
+
+    assert profile.x.tolist() == pytest.approx([1e-3 * i for i in range(8)], rel=0.0, abs=1e-15)
+    assert np.flatnonzero(np.isnan(profile.z)).tolist() == [3, 5]
+
+
+def test_runs_that_are_named_with_a_hash_stay_apart_in_a_worksheet(tmp_path):
+    rows = [[("string", "", n) for n in ("run", "x_mm", "z_um")]]
+    rows += [
+        [("string", "", run), ("float", i, i), ("float", 0.1 * i + k, 0.1 * i + k)]
+        for k, run in enumerate(("#1", "#2", "B"))
+        for i in range(5)
+    ]
+
+    runs = ms.read_runs(open_document(tmp_path, rows), x="x_mm", z="z_um", run="run")
+
+    assert [r.run_id for r in runs] == ["#1", "#2", "B"]
+    assert [len(r) for r in runs] == [5, 5, 5]
+    assert runs[1].z[0] == pytest.approx(1e-6, rel=0.0, abs=1e-15)

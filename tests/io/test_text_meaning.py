@@ -572,3 +572,17 @@ def test_a_long_file_that_ends_within_a_row_says_so_in_chunks_too(tmp_path):
 
     assert n == 3001
     assert "line 3002, the last one, has no line end" in stream.warnings[-1]
+
+
+@pytest.mark.parametrize("missing", ["-9999", [-9999]])
+@pytest.mark.parametrize("field", ["-9999 um", "-9999", "-9999.0 um"])
+def test_a_marker_counts_in_the_unit_of_the_field_too(put, missing, field):
+    """A reading of -9999 um among some of 0.1 um: not measured, not 10 mm deep."""
+    heights = [field if i in (2, 5) else f"0.{i} um" for i in range(12)]
+    path = put(table("x;z", *(f"{i} mm;{h}" for i, h in enumerate(heights))))
+
+    profile = ms.read(path, missing=missing)
+
+    assert np.flatnonzero(np.isnan(profile.z)).tolist() == [2, 5]
+    assert float(np.nanmin(profile.z)) == 0.0
+    assert profile.z[7] == pytest.approx(0.7 * UM, rel=1e-12, abs=1e-18)

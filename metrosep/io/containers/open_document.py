@@ -25,7 +25,8 @@ _MAX_CONTENT = 2**29
 _MAX_CELLS = 2**26
 _NUMBERS = frozenset({"float", "percentage", "currency"})
 _KINDS = {"date": "d", "time": "d", "boolean": "b", "string": "str"}
-_ERROR = re.compile(r"(?:Err:\d+|#[A-Z0-9/]+[!?]?|#N/A)")
+_ERROR = re.compile(r"Err:\d+|#(?:[^\W\d]+[!?]|DIV/0!|N/?A|NV)")
+"""An error as it is shown; #1 and #A are a number and a name in a format of their own."""
 _DURATION = re.compile(r"(-?)P(?:(\d+)D)?T(?:(\d+)H)?(?:(\d+)M)?(?:(\d+)([.,]\d+)?S)?")
 
 

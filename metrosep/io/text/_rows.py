@@ -45,6 +45,7 @@ __all__ = [
     "lines_of_field",
     "marker_of",
     "refuse_quotes",
+    "row_in_comment",
 ]
 
 _LISTED: Final = 100
@@ -185,13 +186,14 @@ class Body:
         names: Sequence[str],
         header: Iterable[Sequence[str]] = (),
         is_map: bool = False,
+        has_own_runs: bool = False,
     ) -> None:
         self._file, self._layout, self._options, self.ledger = file, layout, options, ledger
         self._names = tuple(names)
         self._n = len(self._names)
         self._labels = [*layout.labels, *[False] * self._n][: self._n]
         self._header = [[f.strip() for f in fields] for fields in header]
-        self._is_map = is_map
+        self._is_map, self._has_own_runs = is_map, has_own_runs
         self._words = NO_READING | {m for m in options.missing or () if isinstance(m, str)}
         self._pending: list[
             tuple[int, str, bool]
@@ -202,6 +204,7 @@ class Body:
         ] * self._n  # columns with unmarked numbers of 1 to 3 digits
         self._grouped: list[int] = [0] * self._n  # and the line of such as 1.000
         self._surplus: list[int] = []
+        self._like_rows: list[int] = []  # lines with the mark of a comment and the fields of a row
         self._beyond: list[tuple[int, str]] = []
         self._groups: list[tuple[int, str]] = []
         self._markers = [m for m in options.missing or () if isinstance(m, float)]
@@ -241,6 +244,16 @@ class Body:
             found.append(
                 f"line {line}: {texts[0][:40]!r} stands behind the row and was taken as a remark "
                 f"({len(texts)} such row(s))"
+            )
+        if self._like_rows:
+            kept = (
+                "were read as rows whose first field is a name; leave them out with skip_lines= if they are not"
+                if self._labels[0]
+                else "were left out as comments; if they were measured, remove the mark"
+            )
+            found.append(
+                f"{len(self._like_rows)} line(s) (first: line {self._like_rows[0]}) begin with the mark of a "
+                f"comment and have the fields of a row: they {kept}"
             )
         for kind, what in (
             ("repeated header", "repeats the header within the table"),
@@ -367,7 +380,8 @@ class Body:
                 continue
             fields = dialect.split([line])[0]
             if is_comment(line, options.comment) and not (
-                line.lstrip().startswith(dialect.separator) and len(fields) >= self._n
+                (line.lstrip().startswith(dialect.separator) and len(fields) >= self._n)
+                or self._is_named_like_comment(number, fields)
             ):
                 self.ledger.add("comment", number, line)
                 self.comments.append(line.strip().lstrip('#%!;/" \t').rstrip('"'))
@@ -427,6 +441,17 @@ class Body:
                 for _ in more:
                     next(rest)
             yield number, " ".join([line, *more])
+
+    def _is_named_like_comment(self, number: int, fields: list[str]) -> bool:
+        """Whether a line with the mark of a comment is a row: its first field may be a name, such as #1.
+
+        Elsewhere a comment that holds the numbers of a row remains one, and is reported.
+        """
+        if self._options.comment is not None or not row_in_comment(fields, self._layout):
+            return False
+        if not self._has_own_runs:
+            self._like_rows.append(number)
+        return self._labels[0]
 
     def _may_be_row(self, line: str) -> bool:
         fields = [f for f in self._layout.dialect.split([line])[0] if f.strip()]
@@ -631,6 +656,18 @@ def _numbers(text: str, mark: str) -> FloatArray:
         float_precision="round_trip" if before else None,
     )
     return np.asarray(frame.to_numpy(), dtype=np.float64)
+
+
+def row_in_comment(fields: Sequence[str], layout: Layout) -> bool:
+    """Whether the fields of a comment are those of a row, with a number where one belongs."""
+    first = fields[0].strip().lstrip('#%!/; "')
+    own = [first or fields[0], *fields[1:]] if first or layout.labels[0] else list(fields[1:])
+    kinds = [
+        "number" if layout.dialect.plain(f) is not None else f.strip().lower() in NO_READING
+        for f, label in zip(own, layout.labels, strict=False)
+        if not label
+    ]
+    return len(own) >= layout.n == n_used(own) and all(kinds) and "number" in kinds
 
 
 def _rows(n: int) -> str:

@@ -60,11 +60,17 @@ _MAX_TITLES = 5
 """Lines above a table with which a short text still counts as one."""
 
 
+_MARK_BELOW = 3
+"""Lines within which metrosep writes its mark."""
+
+
 def sniff(file: RawFile) -> Match:
     """Return how sure we are that a file is a table of numbers."""
     text = head_text(file)
     if text is None:
         return Match.NO
+    if any(is_marked(line.lstrip('# "')) for line in text.split("\n", _MARK_BELOW)[:_MARK_BELOW]):
+        return Match.MAYBE
     lines = [line for line in text.split("\n") if line.strip() and not is_comment(line)]
     if len(file.head) == HEAD_BYTES and not text.endswith("\n"):
         lines = lines[:-1]

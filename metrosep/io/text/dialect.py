@@ -377,8 +377,9 @@ def find_layout(
     *,
     options: TextOptions = _DEFAULTS,
     further: Sequence[str] = (),
+    labelled: bool = False,
 ) -> Layout:
-    """Return the one layout under which lines are a table of numbers."""
+    """Return the one layout under which lines are a table of numbers; the first column may be names."""
     for line in lines:
         most = max(map(line.count, ",;\t| "), default=0) if len(line) > _MOST_COLUMNS else 0
         if most > _MOST_COLUMNS:
@@ -408,7 +409,7 @@ def find_layout(
         if mark == point and not quoted:
             continue
         dialect = Dialect(mark, point, quoted and mark in "\t;,| ", options.thousands or "")
-        found = _fit(sample, len(head), dialect)
+        found = _fit(sample, len(head), dialect, labelled)
         if found is not None:
             fits.append(found)
     if not fits:
@@ -466,16 +467,18 @@ def _is_unmeasured(line: str) -> bool:
     return not line.strip(",;|\t ") and sum(line.count(mark) for mark in ",;|\t") >= 3
 
 
-def _fit(sample: Sequence[str], n_head: int, dialect: Dialect) -> _Fit | None:
+def _fit(
+    sample: Sequence[str], n_head: int, dialect: Dialect, labelled: bool = False
+) -> _Fit | None:
     """Return the rows of a sample under a dialect: the commonest number of fields makes the table."""
     with_groups = dialect if dialect.thousands else replace(dialect, thousands=dialect.other_mark)
     head = dialect.split(sample[:n_head])
-    if not any(_is_numbered(k) for k in _kinds(head, dialect, with_groups)):
+    if not any(_is_numbered(k) for k in _kinds(head, dialect, with_groups, labelled)):
         return None  # no row among the first lines, whatever the others are
     split = [*head, *dialect.split(sample[n_head:])]
     fields = {f for row in split for f in row}
     proven = any(_shows_mark(f, dialect) for f in fields)
-    kinds = _kinds(split, dialect, with_groups if proven else dialect)
+    kinds = _kinds(split, dialect, with_groups if proven else dialect, labelled)
     numbered = [i for i, k in enumerate(kinds) if _is_numbered(k)]
     if not numbered:
         return None
@@ -530,10 +533,13 @@ def _shows_mark(field: str, dialect: Dialect) -> bool:
     )
 
 
-def _kinds(split: Sequence[Sequence[str]], dialect: Dialect, grouped: Dialect) -> list[list[str]]:
+def _kinds(
+    split: Sequence[Sequence[str]], dialect: Dialect, grouped: Dialect, labelled: bool
+) -> list[list[str]]:
     """Return what each field is; fields that repeat are looked at once."""
     kinds = {f: _kind(f, dialect, grouped) for f in {f for row in split for f in row}}
-    return [[kinds[f] for f in row] for row in split]
+    found = [[kinds[f] for f in row] for row in split]
+    return [["label", *own[1:]] for own in found] if labelled else found
 
 
 def _is_numbered(kinds: Sequence[str]) -> bool:

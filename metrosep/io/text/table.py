@@ -25,6 +25,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit, likely_meaning, parse_sensitivity, parse_unit
+from metrosep.io.own_notes import is_marked
 from metrosep.io.source import RawFile
 from metrosep.io.text._rows import (
     Block,
@@ -35,6 +36,7 @@ from metrosep.io.text._rows import (
     lines_of_field,
     marker_of,
     refuse_quotes,
+    row_in_comment,
 )
 from metrosep.io.text.dialect import (
     BEYOND,
@@ -86,6 +88,8 @@ _CONTAINERS = (b"PK\x03\x04", b"SQLite format 3\x00", b"PAR1", b"ARROW1")
 _DECLARATION = re.compile(r'\s*"?sep=(.)"?\s*', re.IGNORECASE)
 _RULE = re.compile(r"(?=.*([-=_])\1{4})[-=_|+*\s]+")
 """A line under the names: no word for "not measured" has five dashes in a row by itself."""
+_RUN = re.compile(r'"?run"?\s*[,;\t]')
+_SEPARATOR = re.compile(r"[,;\t]")
 _BLANKS = re.compile(r"\n+")
 _BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
 """How a number begins, whatever follows."""
@@ -149,8 +153,13 @@ def read_table(file: RawFile, **text: Any) -> Table:
     ]
     unnamed = source.head.facts["unnamed"]
     columns = [c for c in columns if c.name not in unnamed or not _is_empty(c)]
+    names = columns[
+        : int(source.head.has_own_runs)
+    ]  # 07 or 2026-01-01: a name, whatever it looks like
+    columns = columns[len(names) :]
     columns, beyond = _with_quantities(file, columns, rows.lines, source.head)
     columns, clocks, undecided = with_moments(file, columns, rows.lines, source.head.options)
+    columns = [*names, *columns]
     markers = refuse_markers(file, columns, rows.lines, source.head.options)
     header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
     if undecided:
@@ -181,9 +190,13 @@ def _with_quantities(
 ) -> tuple[list[Column], list[str]]:
     """Return the columns, those of numbers with one unit (1.5 mm) as numbers, and what is odd about them."""
     words = NO_READING | {m for m in head.options.missing or () if isinstance(m, str)}
+    markers = {m for m in head.options.missing or () if isinstance(m, float)}
+    plain = head.layout.dialect.plain
     made, said = list(columns), []
     for k, column in enumerate(columns):
         texts = ["" if t.lower() in words else t for t in column.labels or ()]
+        if markers:  # also without the unit of the others
+            texts = ["" if float(plain(t) or "nan") in markers else t for t in texts]
         if not any(t[:1] in _DIGITS for t in texts if t):
             continue
         found = [quantity(t, head.layout.dialect) for t in texts]
@@ -197,7 +210,7 @@ def _with_quantities(
                     f"column {column.name!r} of numbers with the unit {(column.unit or unit).name}"
                 )
                 raise bad_field(file, int(lines[i]), text, where)
-            values[i] = np.nan if own is None else own[0]
+            values[i] = np.nan if own is None or own[0] in markers else own[0]
         made[k] = Column(column.name, unit, values)
         if out := [i for i, t in enumerate(column.labels or ()) if t.lower() in BEYOND]:
             first = (column.labels or ())[out[0]]
@@ -458,6 +471,10 @@ class TableHead:
     ) -> None:
         self._file, self._ledger = file, Ledger()
         self.comments: list[str] = []
+        self.has_own_runs = (
+            False  # whether metrosep wrote it: the first column holds names of runs
+        )
+        n_marks = 0  # and how many separators its header has
         content: list[tuple[int, str]] = []  # number of the line, and the line itself
         others: list[tuple[int, str, str]] = []
         spans: dict[int, list[str]] = {}  # further lines of a name or a field in quotes
@@ -483,10 +500,16 @@ class TableHead:
                 options = replace(options, separator=options.separator or declared.group(1))
             elif not line.strip() and line.count("\t") < _FEW:
                 others.append((number, line, "blank"))
-            elif is_comment(line, options.comment):
+            elif is_comment(line, options.comment) and not (
+                self.has_own_runs and len(_SEPARATOR.findall(line)) >= n_marks
+            ):
                 others.append((number, line, "comment"))
             else:
                 first = number
+                if not content and _RUN.match(line):
+                    above = (t.lstrip('# "') for _, t, k in others if k == "comment")
+                    self.has_own_runs = any(map(is_marked, above))
+                    n_marks = len(_SEPARATOR.findall(line))
                 if line.count('"') % 2:
                     rest = text[position : position + _LONG_FIELD].split("\n")
                     more = spans[first] = lines_of_field([line, *rest], _BEGUN.match)
@@ -499,8 +522,17 @@ class TableHead:
         self.options = options
         lines = [line for _, line in content]
         further = further or _further(text[position:], options)
-        layout = find_layout(lines, file.path, options=options, further=further)
+        layout = find_layout(
+            lines, file.path, options=options, further=further, labelled=self.has_own_runs
+        )
         self.first_line = content[layout.start][0]
+        if layout.start and options.comment is None:  # rows that are named like comments: #1
+            header = content[layout.start - 1][0]
+            fields = (
+                (n, layout.dialect.split([line])[0]) for n, line, k in others if k == "comment"
+            )
+            named = [n for n, f in fields if n > header and row_in_comment(f, layout)]
+            self.first_line = min([self.first_line, *named])
         preamble = _Preamble(file, layout)
         kinds = {
             place: preamble.take(line, place) or "preamble"
@@ -546,6 +578,7 @@ class TableHead:
             first=self.first_line,
             names=self.names,
             header=self._header,
+            has_own_runs=self.has_own_runs,
             is_map=not self.facts["named"] and len(self.names) > _FEW,
         )
 
