@@ -355,6 +355,33 @@ def test_a_pattern_that_lets_a_path_through_still_leads_nowhere(tmp_path: Path) 
             shift.do("measure", serial)
 
 
+@pytest.mark.parametrize(
+    "stated",
+    [
+        '[operator]\nreasons = ["dust"]\n',
+        '[operator]  # [check]\nreasons = [\n  "[view]",\n  "dust",\n]\n',
+        '[report]\nnumber = "7"\n[operator]\nreasons = ["dust"]\n[report.item]\nserial = "9"\n',
+    ],
+)
+def test_what_an_operator_may_choose_from_is_outside_the_hash(stated: str) -> None:
+    plain = RECIPE[: RECIPE.index("[operator]")]
+    bare = Recipe.parse(plain).recorded
+    assert Recipe.parse(plain + stated).recorded == bare
+    assert Recipe.parse(plain.replace("[input]", stated + "[input]")).recorded == bare
+    assert Recipe.parse(plain.replace("100 nm", "101 nm") + stated).recorded != bare
+    inline = 'operator = {reasons = ["dust"]}\n'  # not a table of its own: it stays
+    both = Recipe.parse(inline + plain + '[report]\nnumber = "7"\n').recorded
+    assert both["text"] == inline + plain
+
+
+def test_record_and_result_name_the_same_recipe(shift: Shift) -> None:
+    shift.arrives("a.x3p", 50e-9)
+    shift.do("measure", "7")
+    result = json.loads((shift.out / "7" / "result.json").read_text())
+    assert shift.held("7")["recipe_sha256"] == result["recipe"]["sha256"]
+    assert result["recipe"]["sha256"].startswith(shift.of.state()["hash"])
+
+
 def test_nobody_measures_without_a_name_or_with_a_changed_recipe(
     shift: Shift, tmp_path: Path
 ) -> None:
