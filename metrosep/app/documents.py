@@ -248,9 +248,10 @@ class RecipeDocument:
     ) -> None:
         if not source:
             raise DataError(f"there is nothing to {verb}")
-        label, text = source.pop()
+        label, text = source[-1]
         now = self._text
         self._replace(with_view(text, view_of(now)))  # what is shown is not an edit
+        source.pop()  # not before: what the recipe builds on may be gone, and come back
         target.append((label, now))
 
     def save(self, path: Path, *, write: Callable[[Path, bytes], Any] = atomic_write) -> Path:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import logging
+import os
 import re
+import shutil
 import stat
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +24,7 @@ from starlette.routing import Route
 from metrosep.app.server import STATIC, Guard, new_cookie, safe_headers
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, MetrosepError, ReadError
+from metrosep.recipe.preflight import RESULT_NAME
 from metrosep.recipe.recipe import Recipe
 
 __all__ = ["SERIAL", "Operation", "make_operator_app"]
@@ -34,6 +38,7 @@ RECORD = "operator.json"
 _REST = 1.0
 """Seconds for which size and time of a file must rest before it counts as whole."""
 
+_AGAIN = "look which measurement is shown now, then scan again."
 _NAME = re.compile(r"[^\x00-\x1f\x7f]{1,80}")
 _LARGEST = 10_000
 """Bytes of a request: a name and a serial number."""
@@ -87,14 +92,19 @@ class Operation:
         self._lock = threading.Lock()
         self._seen: dict[Path, tuple[int, int, float]] = {}
         self._done: set[tuple[str, int, int]] = set()
+        self._failed: set[tuple[str, int, int]] = set()
         self._counts: dict[str, int] = {}
+        self._owed: list[Part] = []  # parts of an earlier start that still need a reason
         for record in sorted(out.glob(f"*/{RECORD}")):
             try:
                 held = json.loads(record.read_bytes())
                 self._done.add((held["file"], int(held["size"]), int(held["mtime_ns"])))
                 self._counts[held["serial"]] = self._counts.get(held["serial"], 0) + 1
+                if held["verdict"] in ("reject", "inconclusive") and not held["reason"]:
+                    self._owed.append(_kept_part(held, record.parent))
             except (OSError, ValueError, KeyError, TypeError):
                 continue  # another program's file of this name
+        self._next()
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -102,23 +112,45 @@ class Operation:
         return tuple(self.recipe.operator.get("reasons", ()))
 
     def waiting(self) -> list[Path]:
-        """Return whole files of the inbox that were not measured yet, the newest first."""
+        """Return whole files of the inbox that were not measured yet, the newest first.
+
+        Files that could not be measured come last: they hold up no other part.
+        """
         now, found = self.clock(), []
-        patterns = self.recipe.input.get("files") or ("*",)
-        for path in {p for one in patterns for p in self.inbox.glob(Path(one).name)}:
-            try:
-                is_ = path.lstat()
-            except OSError:
+        for path in {p for one in self._patterns for p in self.inbox.glob(one)}:
+            is_ = _regular(path)
+            if is_ is None:
                 continue
-            if not stat.S_ISREG(is_.st_mode) or path.name.startswith("."):
-                continue  # neither a device, a pipe nor a way out of the folder
             mark = (is_.st_size, is_.st_mtime_ns)
             size, mtime, since = self._seen.get(path, (-1, -1, now))
             if (size, mtime) != mark:
                 self._seen[path] = (*mark, now)
             elif now - since >= _REST and (path.name, *mark) not in self._done:
-                found.append((is_.st_mtime_ns, path.name, path))
+                well = (path.name, *mark) not in self._failed
+                found.append((well, is_.st_mtime_ns, path.name, path))
         return [path for *_, path in sorted(found, reverse=True)]
+
+    @property
+    def _patterns(self) -> list[str]:
+        return [Path(one).name for one in self.recipe.input.get("files") or ("*",)]
+
+    def _shown(self, file: Path) -> dict[str, Any]:
+        """Return what the page is given of a file, and sends back with the serial number."""
+        size, mtime_ns, _ = self._seen[file]
+        return {"name": file.name, "size": size, "mtime_ns": str(mtime_ns)}  # no number of a page
+
+    def _idle(self) -> str:
+        """Return why nothing waits."""
+        fit = {p for one in self._patterns for p in self.inbox.glob(one)}
+        rest = sorted(p.name for p in self.inbox.glob("*") if p not in fit and _regular(p))
+        said = "No new measurement is in the inbox: measure the part, then scan again."
+        if not rest:
+            return said
+        names = ", ".join(rest[:3]) + (", …" if len(rest) > 3 else "")
+        return (
+            f"{said} The recipe takes only {', '.join(self._patterns)}, and what else lies there "
+            f"is not measured: {names}."
+        )
 
     def state(self) -> dict[str, Any]:
         """Return what the page shows."""
@@ -127,10 +159,12 @@ class Operation:
         return {
             "title": self.recipe.title or self.path.stem,
             "recipe": self.path.name,
-            "hash": self.recipe.sha256[:12],
+            "hash": self.recipe.recorded["sha256"][:12],
             "operator": self.operator,
-            "file": files[0].name if files else None,
+            "file": self._shown(files[0]) if files else None,
             "waiting": len(files),
+            "failed": [f.name for f in files if (f.name, *self._seen[f][:2]) in self._failed],
+            "idle": "" if files else self._idle(),
             "reasons": list(self.reasons),
             "part": None
             if part is None
@@ -150,13 +184,15 @@ class Operation:
         """Do what the page asks for, and return what it shows then."""
         with self._lock:
             kind, text = message.get("do"), message.get("text", "")
-            acts = {"name": self._sign_on, "measure": self._measure, "reason": self._say_why}
+            acts = {"name": self._sign_on, "reason": self._say_why}
             if not isinstance(text, str):
                 raise DataError("a text is needed")
             if kind == "next":
                 self._next()
-            elif kind in acts:
-                acts[str(kind)](text.strip())
+            elif kind == "measure":
+                self._measure(text.strip(), message.get("file"))
+            elif isinstance(kind, str) and kind in acts:
+                acts[kind](text.strip())
             else:
                 raise DataError(f"there is no request {kind!r}")
             return self.state()
@@ -166,7 +202,8 @@ class Operation:
             raise DataError("Type your name: it stands in the report of each part.")
         self.operator = name
 
-    def _measure(self, serial: str) -> None:
+    def _measure(self, serial: str, shown: object) -> None:
+        """Judge the file that the page showed, and no other: the serial number belongs to it."""
         if not self.operator:
             raise DataError("Type your name first: it stands in the report of each part.")
         if self.part is not None:
@@ -175,33 +212,44 @@ class Operation:
             raise DataError(f"{serial!r} is not a serial number of this part: scan it again.")
         if Path(serial).name != serial or serial.startswith(".") or not serial.isprintable():
             raise DataError(f"{serial!r} cannot be the name of a folder; ask who set up --serial.")
-        files = self.waiting()
-        if not files:
-            raise DataError(
-                "No new measurement is in the inbox: measure the part, then scan again."
-            )
-        file, number = files[0], self._counts.get(serial, 0) + 1
-        is_ = file.stat()
-        folder = self._free(serial, number)
+        file, mark = self._chosen(shown)
         stated = [f"item.serial={serial}", f"persons.measured={self.operator}"]
         recipe = Recipe.load(self.path, report=stated)
         if recipe.sha256 != self.recipe.sha256:
             raise DataError("The recipe was changed since the start: start metrosep again.")
-        result = recipe.run(file, out=folder)
-        entries = [e for e in result.document["characteristics"] if e.get("verdict") is not None]
-        rows = tuple(
-            {
-                k: e.get(k)
-                for k in ("name", "metric", "value", "unit", "lower", "upper", "U", "verdict")
-            }
-            for e in entries
-            if e["verdict"] != "accept"
-        )
-        part = Part(serial, file.name, str(result.verdict), rows, number, folder)
-        self._record(part, is_.st_size, is_.st_mtime_ns)
-        self._done.add((file.name, is_.st_size, is_.st_mtime_ns))
+        number = self._counts.get(serial, 0) + 1
+        folder = self._free(serial, number)
+        folder.mkdir()
+        try:
+            result = recipe.run(file, out=folder)
+            _require_same(file, mark)
+            rows = _not_accepted(result.document)
+            part = Part(serial, file.name, str(result.verdict), rows, number, folder)
+            self._record(part, *mark[1:])
+        except BaseException as exc:
+            shutil.rmtree(folder, ignore_errors=True)  # made above: nothing of another part
+            if isinstance(exc, ReadError) or not isinstance(exc, OSError):  # a full disk passes
+                self._failed.add(mark)
+            raise
+        self._done.add(mark)
         self._counts[serial] = number
         self.part = part
+
+    def _chosen(self, shown: object) -> tuple[Path, tuple[str, int, int]]:
+        """Return the file that the page showed, with its name, size and time then."""
+        files = self.waiting()
+        if shown is None:
+            if files:
+                raise DataError(f"{files[0].name} has just arrived: {_AGAIN}")
+            raise DataError(self._idle())
+        if not isinstance(shown, dict) or not isinstance(shown.get("name"), str):
+            raise DataError("The page does not say which file it showed: load it again.")
+        found = next((file for file in files if self._shown(file) == shown), None)
+        if found is None:
+            raise DataError(
+                f"{shown['name']} changed since it was shown, or is no longer there: {_AGAIN}"
+            )
+        return found, (found.name, shown["size"], int(shown["mtime_ns"]))
 
     def _free(self, serial: str, number: int) -> Path:
         """Return a folder of the results that is not there yet."""
@@ -213,10 +261,9 @@ class Operation:
         held = {
             "serial": part.serial, "operator": self.operator, "file": part.file, "size": size,
             "mtime_ns": mtime_ns, "verdict": part.verdict, "measurement": part.number,
-            "reason": part.reason, "recipe_sha256": self.recipe.sha256,
+            "reason": part.reason, "recipe_sha256": self.recipe.recorded["sha256"],
         }  # fmt: skip
-        text = json.dumps(held, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
-        atomic_write(part.folder / RECORD, text.encode("utf-8"))
+        _keep(part.folder, held)
 
     def _say_why(self, reason: str) -> None:
         part = self.part
@@ -227,15 +274,66 @@ class Operation:
         if not _NAME.fullmatch(reason):
             raise DataError("Type a reason in a few words.")
         held = json.loads((part.folder / RECORD).read_bytes())
-        self.part = Part(
-            part.serial, part.file, part.verdict, part.rows, part.number, part.folder, reason
-        )
-        self._record(self.part, held["size"], held["mtime_ns"])
+        _keep(part.folder, {**held, "reason": reason})  # who measured it stays who measured it
+        self.part = replace(part, reason=reason)
 
     def _next(self) -> None:
         if self.part is not None and self.part.needs_reason:
             raise DataError("Say why this part was not accepted, then go on.")
-        self.part = None
+        self.part = self._owed.pop(0) if self._owed else None
+
+
+def _regular(path: Path) -> os.stat_result | None:
+    """Return what a file is; None of a device, a pipe, a way out of the folder, a hidden file."""
+    try:
+        is_ = path.lstat()
+    except OSError:
+        return None
+    return is_ if stat.S_ISREG(is_.st_mode) and not path.name.startswith(".") else None
+
+
+def _require_same(file: Path, mark: tuple[str, int, int]) -> None:
+    is_ = _regular(file)
+    if is_ is None or (is_.st_size, is_.st_mtime_ns) != mark[1:]:
+        raise DataError(f"{file.name} changed while it was measured: {_AGAIN}")
+
+
+def _keep(folder: Path, held: Mapping[str, Any]) -> None:
+    text = json.dumps(held, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+    atomic_write(folder / RECORD, text.encode("utf-8"))
+
+
+def _not_accepted(document: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
+    """Return the characteristics of a result that were not accepted, as the page shows them."""
+    keys = ("name", "metric", "value", "unit", "lower", "upper", "U", "verdict")
+    entries = [e for e in document["characteristics"] if e.get("verdict") is not None]
+    return tuple({k: e.get(k) for k in keys} for e in entries if e["verdict"] != "accept")
+
+
+def _kept_part(held: Mapping[str, Any], folder: Path) -> Part:
+    """Return a part as its folder holds it; without rows where result.json is gone."""
+    try:
+        rows = _not_accepted(json.loads((folder / RESULT_NAME).read_bytes()))
+    except (OSError, ValueError, KeyError, TypeError):
+        rows = ()
+    return Part(
+        held["serial"], held["file"], held["verdict"], rows, int(held["measurement"]), folder
+    )
+
+
+async def _message(request: Request) -> dict[str, Any]:
+    body = b""
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > _LARGEST:
+            raise DataError(f"a request has at most {_LARGEST} bytes")
+    try:
+        message = json.loads(body)
+    except ValueError:
+        raise DataError("the request is not JSON") from None
+    if not isinstance(message, dict):
+        raise DataError("a request is an object")
+    return message
 
 
 def make_operator_app(operation: Operation, *, port: int, token: str) -> Starlette:
@@ -267,15 +365,20 @@ def make_operator_app(operation: Operation, *, port: int, token: str) -> Starlet
 
     async def act(request: Request) -> Response:
         try:
-            body = await request.body()
-            message = json.loads(body) if len(body) <= _LARGEST else None
-            if not isinstance(message, dict):
-                raise DataError("a request is an object")
+            message = await _message(request)
             return JSONResponse(await run_in_threadpool(operation.act, message))
         except MetrosepError as exc:
             return JSONResponse({"message": str(exc)}, status_code=400)
-        except ValueError:
-            return JSONResponse({"message": "the request is not JSON"}, status_code=400)
+        except OSError as exc:
+            said = f"Nothing was kept of this ({exc}): mend that, then do it again."
+            return JSONResponse({"message": said}, status_code=500)
+        except Exception as exc:  # a fault of ours: it is reported, and the page goes on
+            logging.getLogger("metrosep").exception("operator mode")
+            said = (
+                f"internal error ({type(exc).__name__}: {exc}): this is a bug in metrosep; "
+                "please report it with what the terminal says"
+            )
+            return JSONResponse({"message": said}, status_code=500)
 
     def file(name: str) -> Route:
         async def answer(request: Request) -> Response:

@@ -153,11 +153,11 @@ class Recipe:
 
     @property
     def recorded(self) -> dict[str, Any]:
-        """What a result keeps of the recipe: name, text without ``[view]`` and ``[report]``, its hash.
+        """What a result keeps of the recipe: name, text, its hash; no ``[view]``, ``[report]``, ``[operator]``.
 
         Where values were overridden, also the list ``overrides``; the text is the one with them.
         """
-        text = without_report(without_view_block(self.text))
+        text = without_stated(without_view_block(self.text))
         digest = hashlib.sha256(text.encode("utf-8")).hexdigest()
         kept: dict[str, Any] = {"name": self.name, "text": text, "sha256": digest}
         given = list(self.overrides)
@@ -568,29 +568,31 @@ def _without(text: str) -> str:
     return before + "".join(lines[after:])
 
 
-_REPORT = re.compile(r"\s*\[{1,2}\s*report\s*(?:\.[\w\s.\"'-]+)?\]{1,2}\s*(?:#.*)?$")
+_STATED = re.compile(r"\s*\[{1,2}\s*(report|operator)\s*(?:\.[\w\s.\"'-]+)?\]{1,2}\s*(?:#.*)?$")
 _TABLE = re.compile(r"\s*\[{1,2}\s*[\w.\"' -]+\s*\]{1,2}\s*(?:#.*)?$")
 
 
-def without_report(text: str) -> str:
-    r"""Return the text of a recipe without its tables ``[report]``, which change no number.
+def without_stated(text: str) -> str:
+    r"""Return the text of a recipe without ``[report]`` and ``[operator]``: they change no number.
 
     Examples
     --------
-    >>> without_report('metrosep = 1\n[report]\nnumber = "7"\n[input]\n')
+    >>> without_stated('metrosep = 1\n[report]\nnumber = "7"\n[input]\n')
     'metrosep = 1\n[input]\n'
     """
     end = before_record(text)
     lines = text[:end].splitlines(keepends=True)
     plain = blanked_texts(text[:end]).splitlines()
-    if not any(_REPORT.match(line) for line in plain):
+    named = {found[1] for line in plain if (found := _STATED.match(line))}
+    if not named:
         return text
     held = tomllib.loads(text[:end])
-    held.pop("report", None)
+    for table in named:
+        held.pop(table, None)
     kept, inside = [], False
     for line, bare in zip(lines, plain, strict=True):
         if _TABLE.match(bare):
-            inside = bool(_REPORT.match(bare))
+            inside = bool(_STATED.match(bare))
         if not inside:
             kept.append(line)
     made = "".join(kept).rstrip("\n") + "\n"

@@ -67,6 +67,29 @@ def test_undo_and_redo_give_the_very_text(document):
         document.redo()
 
 
+def test_a_step_that_cannot_be_taken_now_is_not_lost(tmp_path):
+    base = tmp_path / "base.toml"
+    base.write_text(TEXT)
+    document = RecipeDocument(
+        'metrosep = 1\nextends = "base.toml"\ntitle = "one"\n', folder=tmp_path
+    )
+    for old, new in (("one", "two"), ("two", "three")):
+        document.edit([change(["title"], old, new)])
+
+    def refused(move):
+        base.rename(tmp_path / "away.toml")
+        for _ in range(3):
+            with pytest.raises(RecipeError, match="cannot be read"):
+                move()
+        (tmp_path / "away.toml").rename(base)
+
+    for move, titles in ((document.undo, ("two", "one")), (document.redo, ("two", "three"))):
+        for title in titles:
+            refused(move)
+            move()
+            assert tomllib.loads(document.text)["title"] == title
+
+
 def test_a_new_edit_ends_redo(document):
     document.edit([change(["title"], "Part 7", "Part 8")])
     document.undo()

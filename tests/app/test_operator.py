@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +14,10 @@ import pytest
 from starlette.testclient import TestClient
 
 from metrosep.app.operator import Operation, make_operator_app
-from metrosep.core.errors import DataError, ReadError
+from metrosep.core.errors import DataError, MetrosepError, ReadError
 from metrosep.core.surface import Surface
 from metrosep.io.write import write
+from metrosep.recipe.recipe import Recipe
 
 RECIPE = """metrosep = 1
 title = "Flat"
@@ -64,7 +67,22 @@ class Shift:
         self.now += SECONDS
 
     def do(self, what: str, text: str = "") -> dict[str, Any]:
-        return self.of.act({"do": what, "text": text})
+        """Ask as the page does: with the file that it shows now."""
+        return self.of.act({"do": what, "text": text, "file": self.of.state()["file"]})
+
+    def arrives(self, name: str, height: float, *, age: int = 0) -> dict[str, Any] | None:
+        """Give what the page shows once a measurement is in the inbox and rests."""
+        part(self.inbox, name, height, age=age)
+        self.rest()
+        shown: dict[str, Any] | None = self.of.state()["file"]
+        return shown
+
+    def measure(self, serial: str, shown: object) -> dict[str, Any]:
+        return self.of.act({"do": "measure", "text": serial, "file": shown})
+
+    def held(self, folder: str) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads((self.out / folder / "operator.json").read_text())
+        return found
 
 
 @pytest.fixture
@@ -88,6 +106,176 @@ def test_the_newest_whole_file_is_measured_and_filed(shift: Shift) -> None:
     assert (kept["serial"], kept["operator"], kept["verdict"]) == ("A-17", "A. Weber", "accept")
     assert shift.do("next")["part"] is None
     assert shift.do("measure", "A-18")["part"]["file"] == "old.x3p"  # the other one is done
+
+
+@pytest.mark.parametrize("age", [-60, 60])
+def test_the_file_that_the_page_showed_is_judged_whatever_arrives_next(
+    shift: Shift, age: int
+) -> None:
+    shown = shift.arrives("A.x3p", 50e-9)
+    later = shift.arrives("B.x3p", 180e-9, age=age)  # newer than A, and older
+    assert later is not None
+    assert later["name"] == ("B.x3p" if age < 0 else "A.x3p")
+    assert shift.of.state()["waiting"] == 2
+    found = shift.measure("SERIAL-A", shown)["part"]
+    assert (found["file"], found["verdict"]) == ("A.x3p", "accept")
+    assert shift.do("next")["file"]["name"] == "B.x3p"
+    found = shift.do("measure", "SERIAL-B")["part"]
+    assert (found["file"], found["verdict"]) == ("B.x3p", "reject")
+    assert [shift.held(s)["file"] for s in ("SERIAL-A", "SERIAL-B")] == ["A.x3p", "B.x3p"]
+
+
+def test_a_file_that_is_another_one_by_now_is_not_judged(shift: Shift) -> None:
+    shown = shift.arrives("A.x3p", 50e-9)
+    shift.arrives("A.x3p", 180e-9, age=-5)  # the next part, under the same name
+    with pytest.raises(DataError, match=r"A\.x3p changed since it was shown.*scan again"):
+        shift.measure("A", shown)
+    shown = shift.of.state()["file"]
+    (shift.inbox / "A.x3p").unlink()
+    with pytest.raises(DataError, match="no longer there"):
+        shift.measure("A", shown)
+    shift.arrives("B.x3p", 50e-9)
+    for nothing, said in ((None, "has just arrived"), ("B.x3p", "load it again"), ({}, "load")):
+        with pytest.raises(DataError, match=said):
+            shift.measure("A", nothing)
+    assert list(shift.out.iterdir()) == []
+
+
+def test_a_file_that_changes_while_it_is_measured_is_not_filed(
+    shift: Shift, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = shift.arrives("A.x3p", 50e-9)
+    run = Recipe.run
+
+    def while_it_runs(*args: Any, **options: Any) -> Any:
+        result = run(*args, **options)
+        part(shift.inbox, "A.x3p", 180e-9, age=-5)
+        return result
+
+    monkeypatch.setattr(Recipe, "run", while_it_runs)
+    with pytest.raises(DataError, match="changed while it was measured"):
+        shift.measure("A", shown)
+    assert list(shift.out.iterdir()) == []
+
+
+def test_a_file_that_cannot_be_read_holds_up_no_part(tmp_path: Path) -> None:
+    shift = Shift(tmp_path, RECIPE.replace('"*.x3p"', '"*"'))
+    shift.do("name", "A")
+    (shift.inbox / "notes.txt").write_text("hello\n")
+    part(shift.inbox, "old.x3p", 50e-9, age=60)
+    shift.rest()
+    assert shift.of.state()["file"]["name"] == "notes.txt"
+    with pytest.raises(MetrosepError, match=r"notes\.txt"):
+        shift.do("measure", "7")
+    assert list(shift.out.iterdir()) == []
+    state = shift.of.state()
+    assert (state["file"]["name"], state["failed"]) == ("old.x3p", ["notes.txt"])
+    assert shift.do("measure", "7")["part"]["verdict"] == "accept"
+    assert shift.do("next")["file"]["name"] == "notes.txt"  # left, and still named
+    (shift.inbox / "old.x3p").replace(shift.inbox / "notes.txt")  # a measurement is taken
+    shift.rest()
+    assert shift.of.state()["failed"] == []
+
+
+def test_files_that_the_recipe_does_not_take_are_named(tmp_path: Path) -> None:
+    shift = Shift(tmp_path, RECIPE.replace('"*.x3p"', '"measured/map.x3p"'))
+    shift.do("name", "A")
+    assert "takes only" not in shift.of.state()["idle"]
+    shift.arrives("D.x3p", 50e-9)
+    said = r"No new measurement.*takes only map\.x3p.*D\.x3p"
+    assert re.search(said, shift.of.state()["idle"])
+    with pytest.raises(DataError, match=said):
+        shift.do("measure", "7")
+
+
+def test_a_reason_that_is_owed_is_owed_after_a_new_start(shift: Shift, tmp_path: Path) -> None:
+    shift.arrives("a.x3p", 150e-9)
+    before = shift.do("measure", "7")["part"]
+    again = Shift(tmp_path)
+    assert again.of.state()["part"] == before  # its rows too
+    again.do("name", "B. Ito")
+    again.arrives("b.x3p", 50e-9)
+    for what, said in (("next", "Say why"), ("measure", "still shown")):
+        with pytest.raises(DataError, match=said):
+            again.do(what, "8")
+    again.do("reason", "dust")
+    held = again.held("7")
+    assert (held["operator"], held["reason"]) == ("A. Weber", "dust")  # the one who measured it
+    assert again.do("next")["part"] is None
+    assert Shift(tmp_path).of.state()["part"] is None
+
+
+def test_a_reason_is_not_taken_before_it_is_on_the_disk(
+    shift: Shift, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shift.arrives("a.x3p", 150e-9)
+    shift.do("measure", "7")
+    monkeypatch.setattr("metrosep.app.operator.atomic_write", full_disk)
+    with pytest.raises(OSError, match="No space"):
+        shift.do("reason", "dust")
+    assert shift.of.state()["part"]["needs_reason"]
+
+
+def full_disk(*_: Any, **__: Any) -> None:
+    raise OSError(28, "No space left on device")
+
+
+def test_what_goes_wrong_is_said_in_a_sentence(
+    shift: Shift, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    app = make_operator_app(shift.of, port=8899, token=TOKEN)
+    client = TestClient(app, base_url="http://127.0.0.1:8899", raise_server_exceptions=False)
+    client.get("/?token=secret")
+    asked = {"do": "measure", "text": "7", "file": shift.arrives("a.x3p", 50e-9)}
+    with monkeypatch.context() as patch:
+        patch.setattr("metrosep.app.operator.atomic_write", full_disk)
+        answer = client.post("/act", json=asked)
+    assert answer.status_code == 500
+    assert "No space left on device" in answer.json()["message"]
+    assert list(shift.out.iterdir()) == []  # no half of a result
+    assert shift.of.state()["failed"] == []  # the file is well
+
+    def fault(*_: Any, **__: Any) -> None:
+        raise ValueError("math domain error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Recipe, "run", fault)
+        answer = client.post("/act", json=asked)
+    assert answer.status_code == 500
+    assert "internal error (ValueError: math domain error)" in answer.json()["message"]
+    for body, said in (
+        (b'{"do": ["measure"]}', "no request ['measure']"),
+        (b"{", "not JSON"),
+        (b"\xff", "not JSON"),
+        (b"[]", "an object"),
+        (b"x" * 10_001, "10000 bytes"),
+    ):
+        answer = client.post("/act", content=body)
+        assert answer.status_code == 400
+        assert said in answer.json()["message"]
+    assert client.post("/act", json=asked).json()["part"]["folder"] == "7"
+
+
+def test_a_request_that_is_too_long_is_not_read_to_its_end(shift: Shift) -> None:
+    app = make_operator_app(shift.of, port=8899, token=TOKEN)
+    client = TestClient(app, base_url="http://127.0.0.1:8899")
+    client.get("/?token=secret")
+    cookies = "; ".join(f"{k}={v}" for k, v in client.cookies.items())
+    read: list[int] = []
+
+    async def receive() -> dict[str, Any]:
+        read.append(4096)
+        return {"type": "http.request", "body": b"x" * 4096, "more_body": len(read) < 100}
+
+    async def send(_: Any) -> None:
+        return None
+
+    headers = [(b"host", b"127.0.0.1:8899"), (b"cookie", cookies.encode())]
+    scope = {
+        "type": "http", "method": "POST", "path": "/act", "query_string": b"", "headers": headers,
+    }  # fmt: skip
+    asyncio.run(app(scope, receive, send))
+    assert sum(read) <= 3 * 4096
 
 
 def test_a_file_that_still_grows_is_left_alone(shift: Shift) -> None:
@@ -165,6 +353,33 @@ def test_a_pattern_that_lets_a_path_through_still_leads_nowhere(tmp_path: Path) 
     for serial in ("../../x", "..", "a/b"):
         with pytest.raises(DataError, match="name of a folder"):
             shift.do("measure", serial)
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        '[operator]\nreasons = ["dust"]\n',
+        '[operator]  # [check]\nreasons = [\n  "[view]",\n  "dust",\n]\n',
+        '[report]\nnumber = "7"\n[operator]\nreasons = ["dust"]\n[report.item]\nserial = "9"\n',
+    ],
+)
+def test_what_an_operator_may_choose_from_is_outside_the_hash(stated: str) -> None:
+    plain = RECIPE[: RECIPE.index("[operator]")]
+    bare = Recipe.parse(plain).recorded
+    assert Recipe.parse(plain + stated).recorded == bare
+    assert Recipe.parse(plain.replace("[input]", stated + "[input]")).recorded == bare
+    assert Recipe.parse(plain.replace("100 nm", "101 nm") + stated).recorded != bare
+    inline = 'operator = {reasons = ["dust"]}\n'  # not a table of its own: it stays
+    both = Recipe.parse(inline + plain + '[report]\nnumber = "7"\n').recorded
+    assert both["text"] == inline + plain
+
+
+def test_record_and_result_name_the_same_recipe(shift: Shift) -> None:
+    shift.arrives("a.x3p", 50e-9)
+    shift.do("measure", "7")
+    result = json.loads((shift.out / "7" / "result.json").read_text())
+    assert shift.held("7")["recipe_sha256"] == result["recipe"]["sha256"]
+    assert result["recipe"]["sha256"].startswith(shift.of.state()["hash"])
 
 
 def test_nobody_measures_without_a_name_or_with_a_changed_recipe(

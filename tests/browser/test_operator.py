@@ -119,6 +119,52 @@ def test_parts_with_two_keys_each(tab: Any, tmp_path: Path) -> None:
     assert (held["verdict"], held["reason"], held["operator"]) == ("reject", "scratch", "A. Weber")
 
 
+def text_of(page: Any, where: str, part: str) -> None:
+    page.wait(f"document.getElementById('{where}').textContent.includes({json.dumps(part)})")
+
+
+def test_the_serial_number_goes_to_the_file_that_the_operator_saw(
+    tab: Any, tmp_path: Path
+) -> None:
+    for folder in ("in", "out"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "flat.toml").write_text(RECIPE)
+    with operator_page(tmp_path) as address:
+        tab.go(address)
+        mode(tab, "name")
+        scan(tab, "A. Weber")
+        mode(tab, "serial")
+        text_of(tab, "file", "No new measurement")
+        put(tmp_path, "first.x3p", 40e-9)
+        text_of(tab, "file", "Measurement: first.x3p.")
+        put(tmp_path, "second.x3p", 180e-9)
+        text_of(tab, "file", "2 files wait: second.x3p is judged with this serial number.")
+        scan(tab, "A01")  # the part that was looked at is the first one
+        text_of(tab, "message", "second.x3p is shown now, first.x3p was before")
+        assert list((tmp_path / "out").iterdir()) == []
+        scan(tab, "B01")
+        mode(tab, "reason")
+        assert "B01, second.x3p" in tab.text("#about")
+        tab.run("document.getElementById('reason').value = 'dust'")
+        tab.click("#reason-form button")
+        mode(tab, "part")
+        tab.press("Enter")
+        mode(tab, "serial")
+        text_of(tab, "file", "Measurement: first.x3p.")
+        (tmp_path / "in" / "first.x3p").unlink()  # gone before the page looks again
+        scan(tab, "A01")
+        text_of(tab, "file", "No new measurement")
+        put(tmp_path, "third.x3p", 40e-9)
+        text_of(tab, "file", "Measurement: third.x3p.")
+        scan(tab, "A01")
+        mode(tab, "part")
+    files = {
+        record.parent.name: json.loads(record.read_text())["file"]
+        for record in (tmp_path / "out").glob("*/operator.json")
+    }
+    assert files == {"A01": "third.x3p", "B01": "second.x3p"}
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

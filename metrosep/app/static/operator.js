@@ -13,6 +13,9 @@ if (location.search) history.replaceState(null, "", "/"); // the token stays in 
 
 let busy = false;
 let shown = "";
+/** @type {Dict | null} the file that the page shows: it is sent with the serial number, and no other is judged */
+let offered = null;
+let replaced = ""; // the file that it showed before, until the operator has been made to look
 
 /** @param {Dict | null} asked what to do; null: only look */
 async function ask(asked = null) {
@@ -33,6 +36,8 @@ async function act(/** @type {Dict} */ asked) {
     draw(await ask(asked));
   } catch (error) {
     el("message").textContent = error instanceof Error ? error.message : String(error);
+    offered = null;
+    await ask().then(draw, () => {}); // what the refusal is about
     if (asked.do === "measure") el("serial").select();
   } finally {
     busy = false;
@@ -48,9 +53,8 @@ function draw(/** @type {Dict} */ state) {
   const mode = !state.operator ? "name" : part ? (part.needs_reason ? "reason" : "part") : "serial";
   el("name-form").hidden = mode !== "name";
   el("serial-form").hidden = mode !== "serial";
-  el("part").hidden = !part;
-  const more = state.waiting > 1 ? ` (${state.waiting} wait; the newest is taken)` : "";
-  if (!busy || mode !== "serial" || shown !== mode) el("file").textContent = state.file ? `Measurement: ${state.file}${more}` : "Waiting for a measurement in the inbox.";
+  el("part").hidden = !part || mode === "name";
+  offer(state, mode === "serial" && shown === mode);
   if (part) drawPart(part, state.reasons);
   if (mode === shown) return;
   shown = mode;
@@ -58,6 +62,26 @@ function draw(/** @type {Dict} */ state) {
   const field = { name: "name", serial: "serial", part: "next", reason: state.reasons.length ? "reason" : "reason-text" }[mode];
   if (mode === "serial") el("serial").value = "";
   el(field).focus();
+}
+
+/** @param {Dict} state @param {boolean} seen whether the operator has another file before his eyes */
+function offer(state, seen) {
+  const { file, failed } = state;
+  if (!seen || !file || !offered) replaced = "";
+  else if (JSON.stringify(file) !== JSON.stringify(offered) && !failed.includes(offered.name)) replaced = offered.name;
+  offered = file;
+  const more = state.waiting > 1 ? ` ${state.waiting} files wait: ${file.name} is judged with this serial number.` : "";
+  const bad = failed.length ? ` Could not be measured: ${failed.join(", ")}.` : "";
+  el("file").textContent = file ? `Measurement: ${file.name}.${more}${bad}` : state.idle;
+}
+
+/** @returns {Dict | null} null: another file came between the look and the scan */
+function measure() {
+  if (!replaced || !offered) return { do: "measure", text: el("serial").value, file: offered };
+  el("message").textContent = `${offered.name} is shown now, ${replaced} was before: scan again if this part is ${offered.name}.`;
+  replaced = "";
+  el("serial").select();
+  return null;
 }
 
 function drawPart(/** @type {Dict} */ part, /** @type {string[]} */ reasons) {
@@ -80,15 +104,16 @@ function drawPart(/** @type {Dict} */ part, /** @type {string[]} */ reasons) {
   if (part.needs_reason && shown !== "reason") el("reason").value = "";
 }
 
-function onSubmit(/** @type {string} */ id, /** @type {() => Dict} */ asked) {
+function onSubmit(/** @type {string} */ id, /** @type {() => Dict | null} */ asked) {
   el(id).addEventListener("submit", (/** @type {Event} */ event) => {
     event.preventDefault();
-    act(asked());
+    const what = asked();
+    if (what) act(what);
   });
 }
 
 onSubmit("name-form", () => ({ do: "name", text: el("name").value }));
-onSubmit("serial-form", () => ({ do: "measure", text: el("serial").value }));
+onSubmit("serial-form", measure);
 onSubmit("reason-form", () => ({ do: "reason", text: el("reason").hidden ? el("reason-text").value : el("reason").value }));
 el("next").addEventListener("click", () => act({ do: "next" }));
 
