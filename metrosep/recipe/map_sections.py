@@ -250,9 +250,9 @@ def _of_profile(
             "the rim and are interpolated between four pixels, which damps waves of a few pixels"
         )
     if "lines" in step:
-        messages.append(
-            f"section {name}: mean of {step['lines']} lines across {format_length(section['width'])}"
-        )
+        part, across = step["lines_share"], format_length(section["width"])
+        fewer = f"; {100.0 * part:.3g} % of them, in pairs, were measured" if part < 1.0 else ""
+        messages.append(f"section {name}: mean of {step['lines']} lines across {across}{fewer}")
     values = {"Pt": float(np.ptp(valid)), "Pq": float(valid.std())}
     orders = section.get("harmonics", ())
     if orders:
