@@ -205,7 +205,9 @@ async def _received(request: Request, places: Places) -> Path:
                 await run_in_threadpool(file.write, piece)
         whole = True
     except OSError as exc:
-        raise WriteError(f"{name}: the upload cannot be kept ({exc.strerror or exc})") from None
+        raise WriteError(
+            f"{name}: the upload cannot be kept ({exc.strerror or exc})", exc
+        ) from None
     except ClientDisconnect:
         raise WriteError(f"{name}: the upload was broken off") from None
     finally:
