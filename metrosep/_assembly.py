@@ -5,6 +5,7 @@ Nothing is loaded before it is used.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from metrosep.core.attached import attached
@@ -42,51 +43,84 @@ def _save(obj: Any, path: Any, /) -> Any:
     return save(obj, path)
 
 
+def _check_options(made: Any, what: str, given: int, options: Mapping[str, Any]) -> None:
+    """Refuse options that a function does not have behind its first values, or lacks."""
+    import inspect
+
+    from metrosep.core.errors import OptionError
+
+    known = list(inspect.signature(made).parameters.values())[given:]
+    names = [p.name for p in known]
+    stray = [k for k in options if k not in names]
+    missing = [p.name for p in known if p.default is p.empty and p.name not in options]
+    if stray or missing:
+        said = f"does not take {', '.join(stray)}" if stray else f"needs {', '.join(missing)}"
+        raise OptionError(f"{what} {said}; its options are {', '.join(names)}")
+
+
+def _called(made: Any, what: str, /, *values: Any, **options: Any) -> Any:
+    """Call a function of an upper layer with options that it has."""
+    _check_options(made, what, len(values), options)
+    return made(*values, **options)
+
+
 def _level(obj: Any, /) -> Any:
     return obj.remove_line() if hasattr(obj, "remove_line") else _remove_form(obj, "plane")
 
 
 def _remove_form(obj: Any, form: Any, /, **options: Any) -> Any:
-    from metrosep.forms import form_from_text, remove
+    from metrosep.forms import fit, form_from_text, remove
 
+    _check_options(fit, "remove_form", 2, options)
     return remove(obj, form_from_text(form) if isinstance(form, str) else form, **options)
 
 
 def _filter(obj: Any, kind: str, /, **options: Any) -> Any:
     from metrosep import filters
+    from metrosep.core.errors import OptionError
     from metrosep.core.numbers import choice
 
-    return getattr(filters, choice(kind, "filter", _FILTERS))(obj, **options)
+    made = getattr(filters, choice(kind, "filter", _FILTERS))
+    if kind in _OF_PROFILES and hasattr(obj, "dy"):
+        raise OptionError(
+            f'filter "{kind}" is of profiles, and this is a map; use "gaussian" with nesting_index='
+        )
+    return _called(made, f'filter "{kind}"', obj, **options)
 
 
 def _mask(obj: Any, shape: str, /, *, outside: bool, **keys: Any) -> Any:
     from metrosep.recipe.pipeline import run_step
 
+    plain = {k: v.tolist() if hasattr(v, "tolist") else v for k, v in keys.items()}  # of numpy
     return run_step(
-        obj, {"op": "mask", "aperture": {"shape": shape, **keys}, "outside": outside}
+        obj, {"op": "mask", "aperture": {"shape": shape, **plain}, "outside": outside}
     ).obj
 
 
 def _parameters(obj: Any, names: tuple[str, ...], /, **options: Any) -> Any:
+    from metrosep.core.errors import OptionError
     from metrosep.filters import profile_kind
     from metrosep.parameters import areal_parameters, profile_parameters
 
+    if "names" in options:
+        raise OptionError('parameters() takes the symbols themselves, parameters("Sq", "Sz"), not names=')
     wanted = names or None
     if hasattr(obj, "dy"):
-        return areal_parameters(obj, names=wanted, **options)
-    return profile_parameters(obj, names=wanted, **{"kind": profile_kind(obj) or "P"} | options)
+        return _called(areal_parameters, "parameters() of a map", obj, names=wanted, **options)
+    given = {"names": wanted, "kind": profile_kind(obj) or "P"} | options
+    return _called(profile_parameters, "parameters() of a profile", obj, **given)
 
 
 def _step_height(obj: Any, /, **options: Any) -> Any:
     from metrosep.parameters import step_height
 
-    return step_height(obj, **options)
+    return _called(step_height, "step_height", obj, **options)
 
 
 def _resample(obj: Any, onto: Any, /, **options: Any) -> Any:
     from metrosep.filters import resample
 
-    return resample(obj, onto, **options)
+    return _called(resample, "resample", obj, onto, **options)
 
 
 def _load_document(path: Any, /) -> Any:
@@ -97,9 +131,9 @@ def _load_document(path: Any, /) -> Any:
     return Result(document, produced)
 
 
+_OF_PROFILES = ("primary", "roughness", "waviness")
 _FILTERS = (
-    "gaussian", "robust_gaussian", "spline", "opening", "closing", "dilation", "erosion", "primary",
-    "roughness", "waviness",
+    "gaussian", "robust_gaussian", "spline", "opening", "closing", "dilation", "erosion", *_OF_PROFILES,
 )  # fmt: skip
 
 attached.verbs = {

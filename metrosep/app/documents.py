@@ -535,7 +535,9 @@ class Places:
             try:
                 made = tempfile.mkdtemp(prefix="metrosep-ui-")
             except OSError as exc:
-                raise WriteError(f"{last}: there is no room for a copy ({exc.strerror})") from None
+                raise WriteError(
+                    f"{last}: there is no room for a copy ({exc.strerror})", exc
+                ) from None
             self._uploads = Path(os.path.realpath(made))
         if together and not _SET.fullmatch(together):
             raise WriteError(
@@ -545,7 +547,9 @@ class Places:
         try:
             folder.mkdir(exist_ok=bool(together))
         except OSError as exc:
-            raise WriteError(f"{last}: there is no room for a copy ({exc.strerror})") from None
+            raise WriteError(
+                f"{last}: there is no room for a copy ({exc.strerror})", exc
+            ) from None
         if (folder / last).exists():
             raise WriteError(
                 f"{last}: the set has a file of this name already; rename one of them"

@@ -207,7 +207,9 @@ async def _received(request: Request, places: Places) -> Path:
     except OSError as exc:
         if isinstance(exc, WriteError):
             raise
-        raise WriteError(f"{name}: the upload cannot be kept ({exc.strerror or exc})") from None
+        raise WriteError(
+            f"{name}: the upload cannot be kept ({exc.strerror or exc})", exc
+        ) from None
     except ClientDisconnect:
         raise WriteError(f"{name}: the upload was broken off") from None
     finally:

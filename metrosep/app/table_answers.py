@@ -305,7 +305,8 @@ def _temporary() -> tempfile.TemporaryDirectory[str]:
     except OSError as exc:
         raise WriteError(
             f"the table cannot be tried in a temporary folder ({exc.strerror or exc}); make room, or "
-            "set TMPDIR to another folder"
+            "set TMPDIR to another folder",
+            exc,
         ) from None
 
 

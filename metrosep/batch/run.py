@@ -469,7 +469,8 @@ def locked(out: Path) -> Iterator[None]:
     except OSError as exc:
         raise WriteError(
             f"{out}: the output folder cannot be written ({exc.strerror or exc}); choose another "
-            "with -o"
+            "with -o",
+            exc,
         ) from None
     try:
         if not take_lock(handle):

@@ -637,7 +637,9 @@ def _written(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as exc:
-        raise WriteError(f"{folder}: the folder cannot be made ({exc.strerror or exc})") from None
+        raise WriteError(
+            f"{folder}: the folder cannot be made ({exc.strerror or exc})", exc
+        ) from None
     files = []
     for prepared, sidecar in full:
         prepared.write()

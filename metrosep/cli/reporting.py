@@ -340,7 +340,7 @@ def _folder(out: str) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as exc:
         raise WriteError(
-            f"{out}: cannot be made a folder ({exc.strerror or exc}); choose another"
+            f"{out}: cannot be made a folder ({exc.strerror or exc}); choose another", exc
         ) from None
     return folder
 

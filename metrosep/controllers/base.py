@@ -430,7 +430,8 @@ def _exists(path: Path) -> bool:
         return path.exists()
     except OSError as exc:
         raise WriteError(
-            f"{path}: cannot be written ({exc.strerror or exc}); choose another name or folder"
+            f"{path}: cannot be written ({exc.strerror or exc}); choose another name or folder",
+            exc,
         ) from None
 
 
@@ -452,7 +453,8 @@ def keep_old(target: Path) -> list[Path]:
         except OSError as exc:
             raise WriteError(
                 f"{new}: the old file cannot be kept there ({exc.strerror or exc}); choose another "
-                "name or folder"
+                "name or folder",
+                exc,
             ) from None
         kept.append(new)
     return kept

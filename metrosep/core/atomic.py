@@ -98,7 +98,9 @@ def _beside(path: str | os.PathLike[str]) -> Iterator[tuple[Path, Path]]:
         reason = exc.strerror or str(exc)
         raise WriteError(
             f"{path}: cannot be written ({reason}); choose a folder that you may write to and that "
-            "has room, or free the file if another program holds it"
+            "has room, or free the file if another program holds it",
+            exc,
+            str(path),
         ) from None
 
 
@@ -124,10 +126,12 @@ def _remove_stale(target: Path) -> None:
 
 def _check_folder(target: Path) -> None:
     if target.is_dir():
-        raise WriteError(f"{target}: is a folder; give the name of a file in it")
+        cause = IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
+        raise WriteError(f"{target}: is a folder; give the name of a file in it", cause)
     if not target.parent.is_dir():
         raise WriteError(
-            f"{target}: the folder {target.parent} does not exist; create it first or choose another"
+            f"{target}: the folder {target.parent} does not exist; create it first or choose another",
+            FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(target)),
         )
 
 

@@ -84,7 +84,7 @@ class MetrosepError(Exception):
         """Restore from args and attributes: some errors are made from more than their message."""
         state = dict(self.__dict__)
         if isinstance(self, OSError):  # which keeps these beside its attributes
-            state |= {"errno": self.errno, "filename": self.filename}
+            state |= {k: getattr(self, k) for k in ("errno", "strerror", "filename")}
         return _restored, (type(self), self.args), state
 
     def __str__(self) -> str:
@@ -204,7 +204,25 @@ class UnsupportedFeatureError(ReadError, NotImplementedError):
 
 
 class WriteError(MetrosepError, OSError):
-    """A result cannot be written; no half-written file is left behind."""
+    """A result cannot be written; no half-written file is left behind.
+
+    Parameters
+    ----------
+    message : str
+        What cannot be written, why, and what to do.
+    cause : OSError, optional
+        What the system said; errno, strerror and filename are its own.
+    filename : str, optional
+        The file that was to be written, where the cause names another.
+    """
+
+    def __init__(
+        self, message: str, cause: OSError | None = None, filename: str | None = None
+    ) -> None:
+        super().__init__(message)
+        if cause is not None:
+            self.errno, self.strerror = cause.errno, cause.strerror
+            self.filename = cause.filename if filename is None else filename
 
 
 class DataError(MetrosepError, ValueError):

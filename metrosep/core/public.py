@@ -198,11 +198,13 @@ def _alike(a: Any, b: Any, *, about: bool) -> bool:
         return False
     left, right = dict(state_of(a)), dict(state_of(b))
     keys = [k for k in left if about or k not in _ABOUT]
-    return left.keys() == right.keys() and all(same(left[k], right[k]) for k in keys)
+    return left.keys() == right.keys() and all(same(left[k], right[k], about=about) for k in keys)
 
 
-def same(a: Any, b: Any) -> bool:
+def same(a: Any, b: Any, *, about: bool = True) -> bool:
     """Return whether two values are the same through and through; NaN equals NaN.
+
+    Without `about`, where data came from does not count, in the objects that they hold either.
 
     Examples
     --------
@@ -218,11 +220,11 @@ def same(a: Any, b: Any) -> bool:
     if isinstance(a, float) and isinstance(b, float) and a != a and b != b:
         return True
     if isinstance(a, Mapping) and isinstance(b, Mapping) and not isinstance(a, PublicObject):
-        return a.keys() == b.keys() and all(same(v, b[k]) for k, v in a.items())
+        return a.keys() == b.keys() and all(same(v, b[k], about=about) for k, v in a.items())
     if isinstance(a, list | tuple) and isinstance(b, list | tuple):
-        return len(a) == len(b) and all(map(same, a, b))
-    if dataclasses.is_dataclass(a) and type(a) is type(b):
-        return _alike(a, b, about=True)
+        return len(a) == len(b) and all(same(v, w, about=about) for v, w in zip(a, b, strict=True))
+    if isinstance(a, PublicObject) or (dataclasses.is_dataclass(a) and type(a) is type(b)):
+        return _alike(a, b, about=about)
     return bool(a == b)
 
 

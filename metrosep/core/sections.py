@@ -35,6 +35,7 @@ __all__ = [
     "heights_at",
     "is_calibrated",
     "read_line",
+    "require_steps",
     "section_profile",
 ]
 
@@ -75,9 +76,11 @@ def section_profile(
     fills a gap. Along pixel centres each gives the pixels themselves. The history says which
     share was read bilinearly.
 
-    A band of width w is the mean of n = 2 floor(w / 2s) + 1 parallel lines, s the smaller step; where
-    less than half of them are valid the profile has a gap. A wave of length L across is damped by
-    ``|sin(pi n s / L) / (n sin(pi s / L))|``.
+    A band of width w is the mean of n = 2 floor(w / 2s) + 1 parallel lines, s the smaller step. Where
+    a line has a gap, its mirror image about the middle is left out too, so that a plane stays a plane;
+    where less than half of them remain the profile has a gap. A wave of length L across is damped by
+    ``|sin(pi n s / L) / (n sin(pi s / L))|`` where all are valid; ``lines_share`` in the history is
+    the share of lines in the mean.
 
     Examples
     --------
@@ -92,34 +95,45 @@ def section_profile(
     ends = {f"from_{unit}": list(a), f"to_{unit}": list(b)}
     step = {**ends, "reading": method, "bilinear_share": share}
     if width is not None:
+        if unit == "px" and isinstance(width, str):
+            raise _in_pixels("width")
         across = not_negative(width, "width", dimension="length")
-        z, n = _mean_of_band(surface, a, b, across, method)
-        step |= {f"width_{unit}": across, "lines": n}
+        z, n, used = _mean_of_band(surface, a, b, across, method)
+        step |= {f"width_{unit}": across, "lines": n, "lines_share": used}
     history = (*surface.history, Step("section", step))
     return Profile(x, z, metadata=surface.metadata, history=history)
 
 
 def _mean_of_band(
     surface: Surface, a: Sequence[float], b: Sequence[float], width: float, method: str
-) -> tuple[FloatArray, int]:
-    """Return the mean of parallel lines where half of them or more are valid, and their number."""
+) -> tuple[FloatArray, int, float]:
+    """Return the mean of parallel lines, their number, and the share of them in the mean.
+
+    Lines k and -k count together or not at all: the mean of one side would lie beside the line, a step
+    of slope times distance at every gap. Less than half of the lines is a gap.
+    """
     step = min(_grid(surface)[1])
     half = math.floor(width / (2.0 * step) * (1.0 + 1e-9))
     if half > _MOST_LINES:
         raise DataError(f"width = {width:.9g} m holds more than {2 * _MOST_LINES} lines")
     length = math.hypot(b[0] - a[0], b[1] - a[1])
     normal = (-(b[1] - a[1]) / length * step, (b[0] - a[0]) / length * step)
+
+    def line(k: int) -> FloatArray:
+        one, two = ((p[0] + k * normal[0], p[1] + k * normal[1]) for p in (a, b))
+        return read_line(surface, one, two, method)[1]
+
     total: FloatArray | float = 0.0
     known: FloatArray | float = 0.0
-    for k in range(-half, half + 1):
-        shift = (k * normal[0], k * normal[1])
-        ends = [(p[0] + shift[0], p[1] + shift[1]) for p in (a, b)]
-        z = read_line(surface, ends[0], ends[1], method)[1]
+    for k in range(half + 1):
+        z, lines = (line(k) + line(-k), 2.0) if k else (line(0), 1.0)
         valid = ~np.isnan(z)
-        total, known = total + np.where(valid, z, 0.0), known + valid
+        total, known = total + np.where(valid, z, 0.0), known + lines * valid
     n = 2 * half + 1
+    enough = 2.0 * np.asarray(known) >= n
+    share = float(np.mean(known, where=enough)) / n if enough.any() else 0.0
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.where(2.0 * known >= n, total / known, np.nan)), n
+        return np.asarray(np.where(enough, total / known, np.nan)), n, share
 
 
 def circle_section(
@@ -299,6 +313,15 @@ def is_calibrated(surface: Surface) -> bool:
     if not hasattr(surface, "dy"):  # what a profile has not
         raise DataError(f"a section is cut through a Surface, got {type(surface).__name__}")
     return surface.dx is not None and surface.dy is not None
+
+
+def require_steps(surface: Surface) -> None:
+    """Refuse a map without both lateral steps: a profile is in m, and its pixels are no m."""
+    if not is_calibrated(surface):
+        raise DataError(
+            "a section of a map without lateral steps has no lengths; give the map both, "
+            "Surface(z, dx, dy)"
+        )
 
 
 def _bilinear(z: FloatArray, row: FloatArray, column: FloatArray) -> FloatArray:

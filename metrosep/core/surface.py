@@ -234,8 +234,8 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         a, b : tuple of two float (m) or str with unit
             x and y of its ends.
         width : float (m) or str with unit, optional
-            Of the band: the mean of n = 2 floor(width / 2s) + 1 parallel lines, s the smaller step,
-            where half of them or more are valid.
+            Of the band: the mean of n = 2 floor(width / 2s) + 1 parallel lines, s the smaller step.
+            A line with a gap leaves its mirror image out too; half of them or more must remain.
         method : {"lanczos", "bilinear", "nearest"}, optional
             Between pixels. Lanczos keeps waves from 3 pixels on within 1 %, bilinear does not
             overshoot at steps, nearest repeats pixels. None fills a gap.
@@ -248,7 +248,8 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         Raises
         ------
         DataError
-            If the ends are the same, or more than 10 million samples apart.
+            If the map has no lateral steps, or the ends are the same or more than 10 million samples
+            apart.
 
         Examples
         --------
@@ -256,8 +257,9 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         >>> plane.section((0.0, 0.0), (0.6, 0.8)).z.round(12).tolist()
         [0.0, 2.2]
         """
-        from metrosep.core.sections import section_profile
+        from metrosep.core.sections import require_steps, section_profile
 
+        require_steps(self)
         return section_profile(self, a, b, width=width, method=method)
 
     def circle_section(
@@ -280,7 +282,8 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         Raises
         ------
         DataError
-            If the radius is not positive, or the circle has more than 10 million samples.
+            If the map has no lateral steps, the radius is not positive, or the circle has more than
+            10 million samples.
 
         Examples
         --------
@@ -288,8 +291,9 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         >>> len(plane.circle_section((1.0, 1.0), 1.0))
         7
         """
-        from metrosep.core.sections import circle_section
+        from metrosep.core.sections import circle_section, require_steps
 
+        require_steps(self)
         return circle_section(self, centre, radius)
 
     def explore(self, **options: Any) -> Any:

@@ -151,7 +151,7 @@ def _plain(value: Any, arrays: list[Any], where: str) -> Any:
     if isinstance(value, complex):
         return {_KIND: "complex", "parts": [value.real.hex(), value.imag.hex()]}
     if isinstance(value, Path):
-        return value.name
+        return {_KIND: "path", "name": value.name}  # folders are of one machine
     if type(value) in (list, tuple, frozenset, set):
         items = sorted(value) if isinstance(value, frozenset | set) else value
         kind = type(value).__name__
@@ -187,6 +187,8 @@ def _restored(value: Any, array: Any, path: str) -> Any:
         return array(value["n"])[()]
     if kind == "float":
         return float.fromhex(value["hex"])
+    if kind == "path":
+        return Path(value["name"])
     if kind == "complex":
         return complex(*(float.fromhex(p) for p in value["parts"]))
     if kind in ("list", "tuple", "frozenset", "set"):

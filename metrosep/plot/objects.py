@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -71,16 +72,23 @@ def draw_object(
         raise DataError(
             f"{type(obj).__name__} has no picture; its values are in to_frame or its fields"
         )
+    name = type(obj).__name__
+    taken = [p.name for p in signature(found).parameters.values() if p.kind is p.KEYWORD_ONLY]
     if isinstance(ax, str):  # error.plot("spectrum")
+        if "kind" not in taken:
+            raise OptionError(f"a {name} has one picture; plot does not take {ax!r}")
         ax, options = None, {"kind": ax, **options}
+    stray = [k for k in options if k not in taken]
+    if stray:
+        known = ", ".join(["ax", "unit", "vmin", "vmax", *taken])
+        raise OptionError(f"plot of a {name} does not take {', '.join(stray)}; it takes {known}")
     scale = _Scale(unit, vmin, vmax)
     with house_style():
-        try:
-            return found(obj, ax, scale, **options)
-        except TypeError as exc:
-            if "unexpected keyword" not in str(exc):
-                raise
-            raise OptionError(f"plot of a {type(obj).__name__}: {exc}") from None
+        return found(obj, ax, scale, **options)
+
+
+_DIMENSIONS = {"m": "length", "rad": "angle", "V": "voltage", "s": "time"}
+"""By SI unit."""
 
 
 class _Scale:
@@ -91,16 +99,25 @@ class _Scale:
     ) -> None:
         self.unit, self.low, self.high = unit, low, high
 
+    def refuse(self, what: str) -> None:
+        """Refuse what a caller states of a picture that has its own scale."""
+        given = {"unit": self.unit, "vmin": self.low, "vmax": self.high}
+        stated = [k for k, v in given.items() if v is not None]
+        if stated:
+            raise OptionError(f"{what} has its own scale: plot does not take {', '.join(stated)}")
+
     def of(self, largest: float, base: str) -> tuple[str, float]:
         """Return the unit and its factor."""
         if self.unit is not None:
-            return self.unit.replace("um", "µm"), parse_unit(self.unit).factor
+            return self.unit.replace("um", "µm"), parse_unit(
+                self.unit, dimension=_DIMENSIONS.get(base)
+            ).factor
         name, factor = readable_unit([largest], base)
         return name.replace("um", "µm").replace("urad", "µrad"), factor
 
     def ends(self, low: float, high: float, base: str) -> tuple[float, float]:
         """Return the ends in SI."""
-        kind = {"rad": "angle", "V": "voltage", "s": "time"}.get(base, "length")
+        kind = _DIMENSIONS.get(base, "length")
         a = low if self.low is None else quantity(self.low, "vmin", kind)
         b = high if self.high is None else quantity(self.high, "vmax", kind)
         if not a < b and (self.low is not None or self.high is not None):
@@ -168,6 +185,7 @@ def _profile(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
 
 
 def _recording(obj: Any, ax: Axes | None, scale: _Scale, *, channel: str | None = None) -> Axes:
+    scale.refuse("the picture of a recording")
     axes = axes_or_new(ax)
     names = [channel] if channel is not None else [*obj.channels]
     units = {obj.units.get(n, "") for n in names}
@@ -189,14 +207,15 @@ def _runs(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
     largest = max(
         (float(np.nanmax(np.abs(z))) for z in level if np.isfinite(z).any()), default=0.0
     )
-    name, factor = scale.of(largest, str(getattr(obj, "metadata", {}).get("z_unit", "m")))
+    base = str(getattr(obj, "metadata", {}).get("z_unit", "m"))
+    name, factor = scale.of(largest, base)
     fixed = _Scale(name.replace("µ", "u"), scale.low, scale.high)
     for run, z in zip(several, level, strict=True):
         order = np.argsort(run.x)
         style = {"linestyle": "-" if run.direction > 0 else DASHED, "linewidth": 0.8}
-        _line(axes, run.x[order], z[order], fixed, "m", label=run.run_id or "run", **style)
+        _line(axes, run.x[order], z[order], fixed, base, label=run.run_id or "run", **style)
     axes.set(xlabel="position / mm", ylabel=f"reading / {name} (mean subtracted)")
-    scale.limit(axes, factor, "m")
+    scale.limit(axes, factor, base)
     axes.legend(ncols=2, fontsize=7.5)
     return axes
 
@@ -205,6 +224,7 @@ def _estimate(obj: Any, ax: Axes | None, scale: _Scale, *, kind: str = "error") 
     if choice(kind, "the picture of an estimate", ("error", "spectrum", "psd")) != "error":
         from metrosep.plot.spectra import residual_psd, spectrum
 
+        scale.refuse(f"the {'spectrum' if kind == 'spectrum' else 'PSD'} of an estimate")
         return (spectrum if kind == "spectrum" else residual_psd)(obj, ax)
     axes = axes_or_new(ax)
     x = np.linspace(obj.start, obj.stop, 601)
@@ -225,6 +245,7 @@ def _estimate(obj: Any, ax: Axes | None, scale: _Scale, *, kind: str = "error") 
 
 
 def _parts(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
+    scale.refuse("the picture of a separation")
     from metrosep.plot.maps import separation_maps
     from metrosep.plot.summary import parts_plot
 
@@ -237,6 +258,7 @@ def _parts(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
 
 
 def _table(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
+    scale.refuse("the picture of a table")
     from metrosep.plot.summary import table_plot
 
     return table_plot({"table": obj.to_dict()}, ax)
@@ -270,6 +292,7 @@ def _parameters(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
     axes.bar(places, heights, yerr=spread if any(spread) else None, color=COLOURS["estimate"])
     axes.set_xticks(places, [s for s, _ in shown], rotation=45 if len(shown) > 8 else 0)
     axes.set_ylabel(f"value / {name}")
+    scale.limit(axes, factor, "m")
     return axes
 
 
@@ -285,12 +308,14 @@ def _fit(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
 
 
 def _sensitivity(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
+    scale.refuse("the picture of a table of sensitivities")
     from metrosep.plot.sensitivity_chart import sensitivity_bars
 
     return sensitivity_bars(obj, ax)
 
 
 def _wavefront(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
+    scale.refuse("the picture of a wavefront")
     from metrosep.plot.wavefront_chart import wavefront_map
 
     return wavefront_map(obj, ax=ax)
@@ -298,6 +323,7 @@ def _wavefront(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
 
 def _spiral(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
     """Draw the points of a program as the part is seen from above, and its rim."""
+    scale.refuse("the picture of a path")
     axes = axes_or_new(ax, size=(4.6, 4.4))
     rows = obj.to_frame()
     axes.plot(
@@ -329,6 +355,7 @@ def _setting(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
 
 def _batch(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
     """Draw how many units have which status."""
+    scale.refuse("the picture of a batch")
     axes = axes_or_new(ax)
     outside = ("total", "skipped")
     counts = {k: n for k, n in obj.counts.items() if n and k not in outside}
@@ -341,6 +368,7 @@ def _batch(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
 
 def _result(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
     """Draw the figure of the first page of a report."""
+    scale.refuse("the picture of a result")
     from metrosep.plot.summary import charts_of, drawable
 
     document = getattr(obj, "document", obj)

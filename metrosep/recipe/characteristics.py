@@ -152,10 +152,12 @@ def judged(
     unlisted: Collection[str] = (),
     values: Values | None = None,
     decided: Mapping[str, tuple[Verdict, str]] = MappingProxyType({}),
+    unsure: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Return what was measured, and the verdict of each check.
 
-    `values` serves rules over several; `decided` has the verdicts that a step brings, with its words.
+    `values` serves rules over several; `decided` has the verdicts that a step brings, with its words;
+    `unsure` the reasons why a number is not known well enough for any.
     """
     entries = []
     verdicts = []
@@ -194,6 +196,8 @@ def judged(
             spread = (expanded, guard, quantity.unit)
             verdict, said = _by_rule(check, limits, spread, values, place)
             more = {**more, **said}
+        if metric in unsure:
+            verdict, more = "inconclusive", {**more, "reason": unsure[metric]}
         verdicts.append(verdict)
         name = check.get("name", quantity.definition)
         entries.append(

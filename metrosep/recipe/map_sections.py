@@ -116,6 +116,7 @@ class MapSection:
     messages: tuple[str, ...] = ()
     profile: Profile | None = None  # heights along a line or a circle
     keys: Mapping[str, Any] = field(default_factory=dict)  # of the recipe, in SI
+    missing: str = ""  # why no check of these numbers can pass or fail
 
 
 def section_metrics(section: Mapping[str, Any]) -> dict[str, str]:
@@ -188,7 +189,18 @@ def section_of(obj: Any, section: Mapping[str, Any]) -> MapSection:
         metric = f"section.{name}.{key}"
         what = words[key][1] if key in words else f"amplitude of harmonic {key.split('_')[1]}"
         found[metric] = Quantity(value, units[metric], f"{what}, section {name}", symbol=metric)
-    return MapSection(name, kind, found, messages, profile, section)
+    return MapSection(name, kind, found, messages, profile, section, _missing(name, profile))
+
+
+def _missing(name: str, profile: Profile | None) -> str:
+    """Return why the heights along a section are not known well enough for a verdict."""
+    gaps = 0.0 if profile is None else float(np.isnan(profile.z).mean())
+    if not gaps:
+        return ""
+    return (
+        f"{100.0 * gaps:.3g} % of section {name} was not measured or lies outside the map, so that its "
+        "heights there are not known; draw it where the map was measured"
+    )
 
 
 def _of_points(section: Mapping[str, Any]) -> dict[str, float]:
@@ -241,7 +253,7 @@ def _of_profile(
     if share < 1.0:
         messages.append(
             f"section {name}: {100.0 * (1.0 - share):.3g} % of its samples were not measured; its "
-            "numbers are of the others"
+            "numbers are of the others, and no check of them passes"
         )
     step = profile.history[-1].parameters
     if step["bilinear_share"] > 0.0:
@@ -250,9 +262,9 @@ def _of_profile(
             "the rim and are interpolated between four pixels, which damps waves of a few pixels"
         )
     if "lines" in step:
-        messages.append(
-            f"section {name}: mean of {step['lines']} lines across {format_length(section['width'])}"
-        )
+        part, across = step["lines_share"], format_length(section["width"])
+        fewer = f"; {100.0 * part:.3g} % of them, in pairs, were measured" if part < 1.0 else ""
+        messages.append(f"section {name}: mean of {step['lines']} lines across {across}{fewer}")
     values = {"Pt": float(np.ptp(valid)), "Pq": float(valid.std())}
     orders = section.get("harmonics", ())
     if orders:

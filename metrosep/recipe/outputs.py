@@ -368,7 +368,8 @@ def _hidden_folder(folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as exc:
         raise WriteError(
-            f"{folder}: the output folder cannot be made ({exc.strerror or exc}); choose another with -o"
+            f"{folder}: the output folder cannot be made ({exc.strerror or exc}); choose another with -o",
+            exc,
         ) from None
     stage = folder / f".metrosep-{secrets.token_hex(6)}"
     try:
@@ -376,7 +377,8 @@ def _hidden_folder(folder: Path) -> Path:
     except OSError as exc:
         raise WriteError(
             f"{folder}: the output folder cannot be written ({exc.strerror or exc}); choose another "
-            "with -o"
+            "with -o",
+            exc,
         ) from None
     return stage
 
@@ -406,7 +408,8 @@ def _move(stage: Path, folder: Path, tables: Collection[str]) -> None:
         except OSError as exc:
             raise WriteError(
                 f"{folder / file.name}: cannot be replaced ({exc.strerror or exc}); close the program "
-                "that holds it, or choose another folder with -o"
+                "that holds it, or choose another folder with -o",
+                exc,
             ) from None
 
 

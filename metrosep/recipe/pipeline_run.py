@@ -99,6 +99,11 @@ class Measurement:
             for n, d in enumerate(done, start=1)
         }
 
+    @property
+    def unsure(self) -> dict[str, str]:
+        """By metric, why no verdict on it is possible: a section that was measured in part."""
+        return {k: s.missing for s in self.sections if s.missing for k in s.found}
+
     def values(self, metric: str) -> list[float]:
         """Return a parameter of each section of a profile, in the order of x."""
         from metrosep.parameters.profile import section_values
@@ -151,7 +156,12 @@ def with_sections(recipe: Recipe, measured: Measurement) -> Measurement:
         try:
             found.append(section_of(measured.obj, section))
         except DataError as exc:
-            raise recipe.place("[[section]]", i).error(str(exc), "name") from None
+            error = recipe.place("[[section]]", i).error(str(exc), "name")
+            if not isinstance(exc, _OF_DATA):
+                raise error from None
+            # gaps of one map are no fault of the recipe
+            exc.args = (str(exc if recipe.name == COMMAND else error), *exc.args[1:])
+            raise
     return replace(measured, sections=tuple(found))
 
 
@@ -320,4 +330,5 @@ def judge_measurement(
         measured.found,
         values=values or measured.values,
         decided=measured.decided,
+        unsure=measured.unsure,
     )

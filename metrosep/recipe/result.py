@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.atomic import atomic_write, read_plain
-from metrosep.core.errors import CorruptFileError, DataError, ReadError
+from metrosep.core.errors import CorruptFileError, DataError, FileMissingError, ReadError
 from metrosep.core.provenance import Step
 from metrosep.core.public import PublicObject, shortened
 from metrosep.core.runset import Run, RunSet
@@ -193,6 +193,8 @@ def load_document(path: str | os.PathLike[str]) -> dict[str, Any]:
 
     Raises
     ------
+    FileMissingError
+        If there is no such file.
     ReadError
         If it cannot be read.
     CorruptFileError
@@ -203,6 +205,8 @@ def load_document(path: str | os.PathLike[str]) -> dict[str, Any]:
         target = target / "result.json"
     try:
         content = json.loads(read_plain(target, _MOST_BYTES).decode("utf-8"))
+    except FileNotFoundError:
+        raise FileMissingError(f"{target}: no such file; check the name", str(target)) from None
     except OSError as exc:
         raise ReadError(
             f"{target}: cannot be read ({exc.strerror or exc}); check the name"

@@ -32,7 +32,7 @@ Document = Mapping[str, Any]
 
 _NM = 1e-9
 _COVERAGE = 2.0
-"""From a standard to an expanded uncertainty where the check states none."""
+"""From a standard to an expanded uncertainty where the check states none and u has no degrees of freedom."""
 
 _SPELLING = 1e-14
 """Relative difference of one limit in two units."""
@@ -238,7 +238,14 @@ def _expanded(entry: Document, metric: str) -> float | None:
     if stated is not None:
         return stated
     u = known_number(entry.get("u"), f"u of {metric}")
-    return None if u is None else _COVERAGE * u
+    if u is None:
+        return None
+    dof = known_number(entry.get("dof"), f"the degrees of freedom of {metric}")
+    if dof is None:
+        return _COVERAGE * u
+    from metrosep.forms.result import expanding_factor
+
+    return expanding_factor(dof) * u if dof > 0.0 else None
 
 
 def _curves(a: Document, b: Document, tolerances: Tolerances) -> Iterator[Row]:

@@ -438,10 +438,13 @@ def series_section(document: Document, folder: Path | None = None) -> dict[str, 
 
 
 def _drift_line(term: Any) -> str:
+    from metrosep.forms.result import expanding_factor
+
+    k = expanding_factor(sum(map(math.isfinite, term.values)) - 2)  # of a slope
     unit, factor = readable_unit([term.drift], term.unit)
     shown = "" if unit == "1" else f" {unit}"
-    text = f"{one_line(term.name)}: {term.drift / factor:+.3g} ± {2 * term.u_drift / factor:.2g}{shown}"
-    return text.replace("-", "−") + " (k = 2)"
+    text = f"{one_line(term.name)}: {term.drift / factor:+.3g} ± {k * term.u_drift / factor:.2g}{shown}"
+    return text.replace("-", "−") + f" (k = {k:.2f})"
 
 
 def _wavelengths(row: Document, folder: Path | None) -> list[tuple[str, float]]:

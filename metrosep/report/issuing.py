@@ -105,7 +105,8 @@ class Register:
             handle = os.open(place, os.O_RDWR | os.O_CREAT, 0o666)
         except OSError as exc:
             raise WriteError(
-                f"{folder}: the register cannot be written ({exc.strerror or exc}); choose another folder"
+                f"{folder}: the register cannot be written ({exc.strerror or exc}); choose another folder",
+                exc,
             ) from None
         try:
             # one that is gone, or another one, is of a process that has just ended

@@ -1,8 +1,10 @@
 """Every public object draws itself, becomes a table, is saved bit for bit, and is compared by its values."""
 
 import copy
+import errno
 import inspect
 import json
+import os
 import pickle
 import tempfile
 from pathlib import Path
@@ -353,6 +355,47 @@ def test_limits_of_a_picture_take_units():
         surface().plot(colour="red")
 
 
+@pytest.mark.parametrize("kind", ["spectrum", "psd"])
+@pytest.mark.parametrize("option", [{"unit": "kg"}, {"vmin": "0 nm"}, {"vmax": "5 nm"}])
+def test_a_picture_with_a_scale_of_its_own_takes_no_other(kind, option):
+    with pytest.raises(errors.OptionError, match=f"own scale.*{next(iter(option))}"):
+        OBJECTS["ErrorEstimate"].plot(kind, **option)
+
+
+def test_a_recording_is_drawn_in_its_own_units():
+    with pytest.raises(errors.OptionError, match="own scale.*unit"):
+        OBJECTS["Recording"].plot(unit="nm")
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda s, p: s.plot("psd"), "a Surface has one picture; plot does not take 'psd'"),
+        (lambda s, p: s.plot(unit="s"), "a length is needed"),
+        (lambda s, p: s.filter("roughness", cutoff="10 um"), "is of profiles, and this is a map"),
+        (lambda s, p: p.filter("roughness", cutoff="10 um"), "does not take cutoff.*lambda_c"),
+        (lambda s, p: p.filter("primary"), "needs lambda_s"),
+        (lambda s, p: s.parameters("Sq", kind="P"), "does not take kind"),
+        (lambda s, p: p.parameters(names=["Pt"]), "symbols themselves"),
+        (lambda s, p: s.remove_form("plane", bogus=1), "remove_form does not take bogus.*tilt"),
+        (lambda s, p: s.step_height(bogus=1), "step_height does not take bogus"),
+        (lambda s, p: s.resample(bogus=1), "resample does not take bogus"),
+    ],
+)
+def test_options_that_are_not_there_are_refused_in_one_sentence(call, said):
+    with pytest.raises(DataError, match=said) as caught:
+        call(surface(), OBJECTS["Profile"])
+    assert "()" not in str(caught.value).replace("parameters()", "")  # no Python of ours
+    assert "argument" not in str(caught.value)
+
+
+def test_the_centre_of_a_mask_may_be_an_array():
+    s = tilted()
+    kept = s.mask("circle", diameter="20 um", centre=np.array([30e-6, 20e-6]))
+    assert kept == s.mask("circle", diameter=20e-6, centre=(30e-6, 20e-6))
+    assert 0 < kept.n_invalid < kept.z.size
+
+
 # ---- files --------------------------------------------------------------------------------------
 
 
@@ -468,6 +511,56 @@ def test_an_error_of_a_file_carries_its_name_through_a_pickle():
     assert (again.errno, again.filename, str(again)) == (2, "x.dat", "x.dat: no such file")
 
 
+def test_an_error_of_writing_says_what_the_system_said(tmp_path):
+    missing = tmp_path / "none" / "p.h5"
+    with pytest.raises(errors.WriteError, match="does not exist; create it") as caught:
+        OBJECTS["Profile"].save(missing)
+    for error in (caught.value, pickle.loads(pickle.dumps(caught.value))):  # noqa: S301
+        assert (error.errno, error.filename) == (errno.ENOENT, str(missing))
+        assert error.strerror == os.strerror(errno.ENOENT)
+        assert str(error).startswith(f"{missing}: the folder")
+    with pytest.raises(errors.WriteError, match="is a folder") as caught:
+        OBJECTS["Profile"].save(tmp_path)
+    assert caught.value.errno == errno.EISDIR
+    long = tmp_path / ("x" * 300)
+    with pytest.raises(errors.WriteError, match=r"cannot be written \(") as caught:
+        OBJECTS["Profile"].save(long)
+    assert (caught.value.errno, caught.value.filename) == (errno.ENAMETOOLONG, str(long))
+    assert errors.WriteError("a refusal of our own").errno is None
+
+
+@pytest.mark.parametrize("name", ["nope.json", "nope.h5"])
+def test_what_is_not_there_to_load_is_missing(tmp_path, name):
+    with pytest.raises(FileNotFoundError, match="no such file; check the name") as caught:
+        ms.load(tmp_path / name)
+    assert caught.value.filename == str(tmp_path / name)
+
+
+def test_equals_leaves_out_metadata_of_what_an_object_holds():
+    x = np.linspace(0.0, 1e-3, 11)
+
+    def runs(operator, height=0.0):
+        return ms.RunSet([ms.Run(x, x * 1e-6 + height, metadata={"operator": operator})])
+
+    one, other = runs("Ann"), runs("Bob")
+    assert one[0] == other[0]
+    assert one.equals(other)
+    assert one == other
+    assert not one.identical(other)
+    assert one.identical(runs("Ann"))
+    assert one != runs("Ann", 1e-12)
+
+
+def test_files_of_a_saved_result_are_paths(tmp_path):
+    text = 'metrosep = 1\n[input]\n[[step]]\nop = "form"\nform = "plane"\n'
+    ms.write(tilted(), tmp_path / "part.x3p")
+    result = Recipe.parse(text).run(tmp_path / "part.x3p", out=tmp_path / "out")
+    again = ms.load(result.save(tmp_path / "r.h5"))
+    assert again == result
+    assert result.files
+    assert again.files == tuple(Path(f.name) for f in result.files)  # folders are of one machine
+
+
 def test_names_that_are_not_there_are_key_errors(tmp_path):
     for where in (OBJECTS["Recording"], OBJECTS["ParameterTable"]):
         with pytest.raises(KeyError, match=r"gap|Sq"):
@@ -553,8 +646,9 @@ def test_a_band_lies_about_its_line_and_half_of_it_may_be_missing():
     z[12] = 1.0  # two rows above the line
     z[13:] = np.nan
     s = ms.Surface(z, 1.0, 1.0)
-    band = s.section((5.0, 10.0), (20.0, 10.0), width=8.0)  # rows 6 to 14; 13 and 14 are missing
-    np.testing.assert_allclose(band.z, 1.0 / 7.0, atol=1e-12)
+    # rows 6 to 14; 13 and 14 are missing, and 6 and 7 with them
+    band = s.section((5.0, 10.0), (20.0, 10.0), width=8.0)
+    np.testing.assert_allclose(band.z, 1.0 / 5.0, atol=1e-12)
     empty = s.section((5.0, 15.0), (20.0, 15.0), width=6.0)  # rows 12 to 18; one is there
     assert np.isnan(empty.z).all()
 
@@ -589,7 +683,7 @@ def test_a_resampled_map_is_the_wave_on_the_other_grid():
     np.testing.assert_allclose(onto.z, wave(u + 20.5e-6, v + 30e-6), atol=0.02 * NM)
     with pytest.raises(DataError, match="onto"):
         s.resample()
-    with pytest.raises(MetrosepError, match="no lateral steps"):
+    with pytest.raises(MetrosepError, match="without lateral steps"):
         ms.Surface(s.z).section(("1 um", "1 um"), ("9 um", "1 um"))
 
 

@@ -56,15 +56,52 @@ def test_a_band_damps_the_waves_across_it_by_the_closed_form():
     np.testing.assert_array_equal(one.z, 1.0)
 
 
-def test_a_band_lies_on_both_sides_of_its_line_and_takes_half_of_what_is_valid():
+def test_a_band_takes_lines_in_pairs_and_half_of_them_at_least():
     z = np.arange(20.0)[:, None] + np.zeros((1, 30))
-    z[:10, 12] = np.nan  # half of the band and one: 3 of 5 lines
-    z[:9, 20] = np.nan  # 2 of 5 lines
+    z[:8, 12] = np.nan  # line -2 of 5: its image 2 goes too, and 3 of 5 remain
+    z[:9, 20] = np.nan  # lines -2 and -1: the middle alone remains
+    z[9, 22] = np.nan  # the middle: two pairs remain
     cut = section_profile(ms.Surface(z, 1.0, 1.0), (5.0, 9.0), (25.0, 9.0), width=4.0)
 
-    assert cut.z[0] == pytest.approx(9.0, abs=1e-12)
-    assert np.isnan(cut.z[12 - 5])  # 2 of 5 are valid
-    assert cut.z[20 - 5] == pytest.approx(10.0, abs=1e-12)  # 9, 10 and 11
+    expected = np.full(21, 9.0)
+    expected[20 - 5] = np.nan
+    np.testing.assert_allclose(cut.z, expected, rtol=0.0, atol=1e-12)
+    note = cut.history[-1].parameters
+    assert note["lines"] == 5
+    assert note["lines_share"] == pytest.approx((18 * 5 + 3 + 4) / 20 / 5, abs=1e-12)
+
+
+@pytest.mark.parametrize("method", ["lanczos", "bilinear"])
+@pytest.mark.parametrize("where", ["gap on the left", "gap on the right", "rim"])
+def test_a_band_beside_a_gap_or_the_rim_leaves_a_tilted_plane_as_it_is(method, where):
+    y, x = np.mgrid[:60, :80] * UM
+    z = 0.4e-3 * x - 1e-3 * y  # 1 mrad across the section: 1 nm from line to line
+    a, b = (10 * UM, 20 * UM), (60 * UM, 20 * UM)
+    if where == "rim":
+        a, b = (10 * UM, 7 * UM), (60 * UM, 7 * UM)  # three of 21 lines lie outside
+    else:
+        rows = slice(28, 36) if where == "gap on the left" else slice(5, 13)
+        z[rows, 30:50] = np.nan  # lines 8 to 10 of one side
+    cut = section_profile(ms.Surface(z, UM, UM), a, b, width=20 * UM, method=method)
+    plane = 0.4e-3 * (a[0] + cut.x) - 1e-3 * a[1]
+    # rounding; the mean of the 18 lines of one side would lie 1.5 nm beside it
+    np.testing.assert_allclose(cut.z, plane, rtol=0.0, atol=1e-6 * NM)
+    share = 15 / 21 if where == "rim" else (31 + 20 * 15 / 21) / 51
+    assert cut.history[-1].parameters["lines_share"] == pytest.approx(share, abs=1e-12)
+
+
+@pytest.mark.parametrize("steps", [(None, None), (1 * UM, None), (None, 1 * UM)])
+def test_a_map_without_both_lateral_steps_has_no_section(steps):
+    surface = ms.Surface(np.arange(900.0).reshape(30, 30) * NM, *steps)
+    for call in (
+        lambda: surface.section((1, 1), (20, 20)),
+        lambda: surface.section((1, 1), (20, 20), width="5 um"),
+        lambda: surface.circle_section((10, 10), 5),
+    ):
+        with pytest.raises(DataError, match=r"Surface\(z, dx, dy\)"):
+            call()
+    with pytest.raises(DataError, match="width has a unit"):
+        section_profile(surface, (1, 1), (20, 20), width="5 um")
 
 
 def ring_of(surface):

@@ -112,6 +112,9 @@ def test_limits_of_axes_are_those_of_the_words(tmp_path):
         ('["20 mm"]', "write limits as"),
         ('["20 deg/s"]', "Z moves along"),
         ('["2 m/min2"]', "write limits as"),
+        ('["1.2.3 mm/s"]', "write limits as"),
+        ('["--1 mm/s"]', "write limits as"),
+        ('["1e400 mm/s"]', "write limits as"),
         ('["1 m/s2", "2 m/s^2"]', "states the acceleration twice"),
     ],
 )

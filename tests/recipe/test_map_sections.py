@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.core.errors import RecipeError
+from metrosep.core.errors import RecipeError, TooFewSamplesError
 
 UM, NM = 1e-6, 1e-9
 STEP = 10 * UM
@@ -179,12 +179,46 @@ def test_sections_go_with_maps_only(folder):
 
 
 def test_a_section_beside_the_map_is_an_error_and_one_partly_on_it_says_the_share(folder):
-    with pytest.raises(RecipeError, match="wholly outside") as caught:
+    with pytest.raises(TooFewSamplesError, match=r"r\.toml:9: .*wholly outside"):
         values(folder, HEAD + LINE.format("s", "5 mm, 5 mm", "6 mm, 6 mm"))
-    assert caught.value.line == 9
     found, document = values(folder, HEAD + LINE.format("s", "1 mm, 1 mm", "3 mm, 1 mm"))
     assert any("section s: 50.2 %" in m for m in document["messages"])
     assert found["section.s.Pt"]["value"] == pytest.approx(3e-4 * 0.99e-3, abs=0.1 * NM)
+
+
+@pytest.mark.parametrize("upper", ["1 mm", "1 nm"])
+@pytest.mark.parametrize("metric", ["Pt", "Pq"])
+def test_no_check_of_a_section_that_was_measured_in_part_is_decided(folder, metric, upper):
+    mostly_beside = LINE.format("s", "1.9 mm, 1 mm", "9 mm, 1 mm")
+    text = HEAD + mostly_beside + CHECK.format(f"section.s.{metric}", upper)
+    done = run(folder, text, ["run", "r.toml", "part.x3p", "-o", "out"])
+    assert done.returncode == 3, done.stderr
+    document = json.loads((folder / "out" / "result.json").read_text())
+    (entry,) = [e for e in document["characteristics"] if e["verdict"] is not None]
+    assert entry["verdict"] == document["verdict"] == "inconclusive"
+    assert "98.6 % of section s was not measured" in entry["reason"]
+    assert "98.6 % of section s was not measured" in done.stdout + done.stderr
+
+
+def test_one_gap_makes_a_circle_inconclusive_and_no_other_section(folder):
+    z = heights()
+    z[80, 160] = np.nan  # where the circle begins: 1.6 mm, 0.8 mm
+    ms.write(ms.Surface(z, STEP, STEP), folder / "part.x3p")
+    checks = "".join(CHECK.format(f"section.{s}.Pt", "1 mm") for s in ("rim", "across"))
+    found, document = values(folder, HEAD + SECTIONS.replace("harmonics = [1, 3]\n", "") + checks)
+    assert found["section.rim.Pt"]["verdict"] == document["verdict"] == "inconclusive"
+    assert "section rim" in found["section.rim.Pt"]["reason"]
+    assert found["section.across.Pt"]["verdict"] == "accept"
+    assert "reason" not in found["section.across.Pt"]
+
+
+def test_a_gap_in_a_circle_with_harmonics_is_of_the_data(folder):
+    z = heights()
+    z[80, 160] = np.nan
+    ms.write(ms.Surface(z, STEP, STEP), folder / "part.x3p")
+    done = run(folder, HEAD + SECTIONS, ["run", "r.toml", "part.x3p", "-o", "out"])
+    assert done.returncode == 4, done.stderr
+    assert "r.toml:15: the circle has gaps" in done.stderr
 
 
 def test_a_distance_over_a_hole_keeps_what_is_known_in_the_plane(folder):

@@ -53,10 +53,22 @@ def test_planted_drift_is_named_with_its_sign():
     assert len(section["drifts"]) == 1
     slope = np.polyfit(np.arange(n), wear, 1)[0]
     assert section["drifts"][0].startswith(f"Z8: −{-29e9 * slope:.3g} ± ")
-    assert section["drifts"][0].endswith("nm (k = 2)")
+    # u of a slope by the book; t(0.977249868; 28) = 2.0933 of printed tables
+    rest = np.asarray(wear) - np.polyval(np.polyfit(np.arange(n), wear, 1), np.arange(n))
+    u = 29e9 * np.sqrt((rest @ rest) / (n - 2) / (n * (n**2 - 1) / 12))
+    assert section["drifts"][0].endswith(f" ± {2.0933 * u:.2g} nm (k = 2.09)")
     page = render_index(index_of({"Z8": wear, "Z9": noise(n, 2)}))
     assert "Drift and correlation" in page
     assert page == render_index(index_of({"Z8": wear, "Z9": noise(n, 2)}))
+
+
+def test_a_drift_over_few_parts_has_the_k_of_its_degrees_of_freedom():
+    wear = [-10e-9 * i + e for i, e in enumerate(noise(8, 1))]
+    section = series_section(index_of({"Z8": [*wear[:4], None, *wear[4:]]}))
+    assert section is not None
+    assert section["drifts"][0].endswith(
+        "nm (k = 2.52)"
+    )  # t(0.977249868; 6): eight parts, not nine
 
 
 def test_parts_stand_in_the_order_of_their_numbers():

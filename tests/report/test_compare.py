@@ -65,6 +65,17 @@ def test_a_standard_uncertainty_counts_twice():
     assert pytest.approx(math.sqrt(8.0) * 1e-9, abs=ROUNDING) == row.U
 
 
+def test_a_standard_uncertainty_of_few_degrees_of_freedom_counts_by_student():
+    # t(0.977249868; 10) = 2.2837 and t(0.977249868; 2) = 4.5265
+    a, b = _entry(u=1e-9, dof=10.0), _entry(u=1e-9, dof=2.0, value=0.0)
+    row = _only(compare_documents(_result(a), _result(_entry(U=0.0))))
+    assert pytest.approx(2.2837e-9, abs=1e-13) == row.U
+    row = _only(compare_documents(_result(a), _result(b)))
+    assert pytest.approx(math.hypot(2.2837e-9, 4.5265e-9), abs=1e-13) == row.U
+    none = _entry(u=1e-9, dof=0.0)
+    assert _only(compare_documents(_result(none), _result(none))).U is None
+
+
 def test_without_u_on_one_side_nothing_is_said_about_exceeding():
     row = _only(compare_documents(_result(_entry(U=1e-9)), _result(_entry(value=0.0))))
 

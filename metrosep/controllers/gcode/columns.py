@@ -459,7 +459,7 @@ def check_files(start: Path, end: Path, *, overwrite: bool) -> None:
         same = end.exists() and start.exists() and end.samefile(start)
     except OSError as exc:
         raise WriteError(
-            f"{end}: cannot be written ({exc.strerror or exc}); choose another name or folder"
+            f"{end}: cannot be written ({exc.strerror or exc}); choose another name or folder", exc
         ) from None
     if same or start.resolve() == end.resolve() or start.resolve() == sidecar_path(end).resolve():
         raise WriteError(

@@ -212,7 +212,8 @@ def _limits_of(texts: tuple[str, ...], axis: str) -> Any:
     key = f"{axis.lower()}_limits"
     for text in texts:
         match = _LIMIT.fullmatch(text)
-        if match is None or (match[3] == "min" and match[4]):
+        size = _number(match[1]) if match is not None else np.nan
+        if match is None or not np.isfinite(size) or (match[3] == "min" and match[4]):
             raise DataError(
                 f'{key} has {text!r}; write limits as "20 mm/s", "0.5 m/s2", "100 m/s3"; of C as "360 deg/s"'
             )
@@ -223,8 +224,16 @@ def _limits_of(texts: tuple[str, ...], axis: str) -> Any:
         name = _LIMITED[match[4]]
         if name in found:
             raise DataError(f"{key} states the {name} twice")
-        found[name] = float(match[1]) * _SIZES[match[2]] / (60.0 if match[3] == "min" else 1.0)
+        found[name] = size * _SIZES[match[2]] / (60.0 if match[3] == "min" else 1.0)
     return AxisLimits(**found)
+
+
+def _number(text: str) -> float:
+    """Return a number; NaN for "1.2.3" and the like."""
+    try:
+        return float(text)
+    except ValueError:
+        return np.nan
 
 
 # ---- hysteresis of the stage ------------------------------------------------------------------------
