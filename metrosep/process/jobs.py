@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from metrosep.process._motion import FollowUp, FollowUpMap
 from metrosep.process._plain import frozen, length
 from metrosep.process._setting_equations import FACTORS, height_errors, polar_slopes
 from metrosep.process.cutting.edge_errors import Servo
-from metrosep.process.cutting.point_counts import fewest_on_the_cut
 from metrosep.process.cutting.programs import TurningProgram
 from metrosep.process.cutting.servos import contact_path
 from metrosep.process.feedforward import corrected_path, left_over
@@ -50,12 +49,7 @@ from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["JobPlan", "TurningJob"]
 
-JudgedOn = Literal["cut", "path"]
-"""What a tolerance of the points is one of."""
-
 _LEAD_IN = 3
-_FEWEST = 8
-"""Points a turn: fewer follow nothing."""
 _MOST_PLANS = 5
 """Searches with a tighter tolerance until the tip path, which is more curved, holds it too."""
 _USUAL_NOSE = 0.5e-3
@@ -240,7 +234,6 @@ class TurningJob:
         interpolation: Interpolation = "spline",
         annulus: tuple[float | None, float | None] | None = None,
         lead_in: int = _LEAD_IN,
-        judged_on: JudgedOn = "cut",
         **options: Any,
     ) -> JobPlan:
         """Return the fewest blocks whose interpolation error holds a tolerance.
@@ -251,9 +244,6 @@ class TurningJob:
             Region that counts; the whole part if omitted.
         lead_in : int, optional
             Points before the rim, so that the free end of the spline is not on the part.
-        judged_on : {"cut", "path"}, optional
-            What must hold the tolerance: the part that the nose cuts along the path, beside that of the
-            exact path, or the path of the tip. Without a nose, or along one line, it is the path.
         **options : object
             Of `points_for_tolerance`.
 
@@ -271,7 +261,6 @@ class TurningJob:
             if name in _OF_THE_JOB:
                 raise DataError(_OF_THE_JOB[name])
         tolerance = length(tolerance, "tolerance")
-        numbers.choice(judged_on, "judged_on", get_args(JudgedOn))
         wanted, reached = tolerance, math.nan
         options |= {"distribution": distribution, "interpolation": interpolation}
         for _ in range(_MOST_PLANS):
@@ -289,12 +278,6 @@ class TurningJob:
                 tip = replace(
                     found, peak_to_valley=reached, tolerance=tolerance, messages=messages
                 )
-                if judged_on == "cut" and options.get("azimuth") is None:
-                    turns = (self.radius - self.core) / self.feed
-                    tip = fewest_on_the_cut(
-                        tip, self._tip_program, self.form, self.nose,
-                        fewest=math.ceil(_FEWEST * turns), annulus=annulus,
-                    )  # fmt: skip
                 return JobPlan(tip, self.time(tip.path))
             wanted *= 0.98 * tolerance / reached
         raise LimitError(
@@ -460,13 +443,6 @@ class TurningJob:
             return self._surface_program(spiral, cut_points=cut_points)
         fits = gouge_check(self.form, self.nose, region=(self.core, self.radius))
         fits.require()
-        made = self._tip_program(spiral, servo)
-        return replace(made, messages=(*fits.messages, *made.messages))
-
-    def _tip_program(self, spiral: SpiralPath, servo: Servo = "Z") -> TurningProgram:
-        """Return the program of the tip along a path, whether the nose gouges or not."""
-        if self.nose is None:
-            raise DataError("a path of the tip needs the nose of the tool")
         edge = Edge.of(self.nose, self.sense)
         X, azimuth, t, speed = self._course(spiral)
         rates = spiral.interpolation == "pvt"
@@ -484,8 +460,8 @@ class TurningJob:
         audit = {"n_points": int(X.size), "servo": servo, **self._tool()}
         return TurningProgram(
             frozen(X), frozen(azimuth), frozen(Z), t, "tip", spiral.interpolation,
-            None if velocities is None else frozen(velocities), None, spiral.lead_in, {}, said,
-            freeze_mapping(audit),
+            None if velocities is None else frozen(velocities), None, spiral.lead_in, {},
+            (*fits.messages, *said), freeze_mapping(audit),
         )  # fmt: skip
 
     def _surface_program(self, spiral: SpiralPath, *, cut_points: bool) -> TurningProgram:

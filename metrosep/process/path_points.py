@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from itertools import product
 from typing import Any, Literal, get_args
 
@@ -219,17 +220,30 @@ def points_for_tolerance(
     def path_of(n: int) -> SpiralPath:
         return SpiralPath.with_points(radius, feed, n, **common)
 
-    tried: dict[int, float] = {}
-
+    @cache
     def error(n: int) -> float:
-        if n not in tried:
-            made = path_of(n).error_map(form, sub_points)
-            tried[n] = made.peak_to_valley(annulus=annulus, azimuth=azimuth)
-        return tried[n]
+        tried[n] = made = (
+            path_of(n).error_map(form, sub_points).peak_to_valley(annulus=annulus, azimuth=azimuth)
+        )
+        return made
 
+    tried: dict[int, float] = {}
     low, high = _bracket(error, tolerance, fewest, most)
-    best = fewest_between(error, tried, tolerance, low, high, fewest, resolution)
-    return plan_of(path_of(best), tolerance, tried)
+    while True:
+        while high - low > max(1.0, resolution * high):
+            middle = (low + high) // 2
+            low, high = (low, middle) if error(middle) <= tolerance else (middle, high)
+        best = high
+        below = _beside(best, _BELOW, low=fewest)
+        lucky = [n for n in below if error(n) <= tolerance]
+        if not lucky:
+            break
+        high = min(lucky)
+        low = max((n for n, e in tried.items() if n < high and e > tolerance), default=high)
+    for n in _beside(best, _ABOVE, low=1):
+        error(n)
+    counts = np.array(sorted(tried), dtype=np.int64)
+    return _plan(path_of(best), tolerance, counts, np.array([tried[n] for n in counts.tolist()]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -343,42 +357,13 @@ def _bracket(
     )
 
 
-def fewest_between(
-    error: Callable[[int], float],
-    tried: Mapping[int, float],
-    tolerance: float,
-    low: int,
-    high: int,
-    fewest: int,
-    resolution: float,
-    *,
-    beside: tuple[tuple[float, ...], tuple[float, ...]] = (_BELOW, _ABOVE),
-) -> int:
-    """Return the smallest count found that holds, between one that fails and one that does."""
-    while True:
-        while high - low > max(1.0, resolution * high):
-            middle = (low + high) // 2
-            low, high = (low, middle) if error(middle) <= tolerance else (middle, high)
-        best = high
-        below = _beside(best, beside[0], low=fewest)
-        lucky = [n for n in below if error(n) <= tolerance]
-        if not lucky:
-            break
-        high = min(lucky)
-        low = max((n for n, e in tried.items() if n < high and e > tolerance), default=high)
-    for n in _beside(best, beside[1], low=1):
-        error(n)
-    return best
-
-
 def _beside(n: int, fractions: tuple[float, ...], *, low: int) -> list[int]:
     return sorted({m for f in fractions if (m := round(n * (1.0 + f))) >= low and m != n})
 
 
-def plan_of(path: SpiralPath, tolerance: float, tried: Mapping[int, float]) -> PointPlan:
-    """Return the plan of a path, with all that was tried and what it left."""
-    counts = np.array(sorted(tried), dtype=np.int64)
-    errors = np.array([tried[n] for n in counts.tolist()])
+def _plan(
+    path: SpiralPath, tolerance: float, counts: NDArray[np.int64], errors: FloatArray
+) -> PointPlan:
     n = path.n_points
     found = float(errors[counts == n][0])
     above = counts[(counts > n) & (errors > tolerance)]

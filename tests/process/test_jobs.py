@@ -608,7 +608,7 @@ def test_a_plan_for_a_nose_holds_its_tolerance_on_the_tip_path():
     grid = SineGrid(amplitude=2e-6, wavelength=100e-6)
     job = TurningJob(grid, 60e-6, 3e-6, rpm=20, core=20e-6, nose=RoundNose(80e-6))
     plain = TurningJob(grid, 60e-6, 3e-6, rpm=20, core=20e-6).plan(50 * NM)
-    plan = job.plan(50 * NM, judged_on="path")
+    plan = job.plan(50 * NM)
     assert plan.n_points > 1.1 * plain.n_points
     for path, holds in ((plan.path, True), (plain.path, False)):
         assert (job.predict(path).budget.contributions[0].pv <= 50 * NM) is holds

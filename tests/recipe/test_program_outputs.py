@@ -117,13 +117,3 @@ def test_the_example_makes_up_for_the_tool_as_it_stands(repository, tmp_path):
     )
     assert first.peak_to_valley > 30e-9
     assert second.peak_to_valley < 12e-9  # cusps of 6 nm
-
-
-@pytest.mark.parametrize(
-    "text",
-    [STEP + 'judged_on = "path"\n', STEP.replace('nose_radius = "0.6 mm"\nrake = "-20 deg"\n', "").replace('angle_step = "2 deg"', 'tolerance = "5 nm"\njudged_on = "cut"')],
-    ids=["no tolerance", "no nose"],
-)  # fmt: skip
-def test_what_holds_a_tolerance_needs_one_and_a_nose(tmp_path, text):
-    with pytest.raises(MetrosepError, match="judged_on says what holds the tolerance"):
-        run(text, tmp_path)

@@ -229,11 +229,6 @@ class JobPredicted(Method):
             help="in which the part turns, seen from the tool",
         ),
         "tolerance": Option("size", help='P-V that the points of the program may add, "1 nm"'),
-        "judged_on": Option(
-            "text",
-            choices=("cut", "path"),
-            help="what holds that tolerance: the part as the nose cuts it, or the path of the tip",
-        ),
         "angle_step": Option("angle", help="constant angle between the points of the program"),
         "length_step": Option(
             "size", help="constant arc length between the points of the program"
@@ -537,13 +532,6 @@ def _path(job: Any, rest: Mapping[str, Any]) -> tuple[Any, Any]:
             "give one of tolerance, angle_step (constant angle) and length_step (constant arc "
             f"length); got {', '.join(steps) or 'none'}"
         )
-    if "judged_on" in rest:
-        if "tolerance" not in rest or (rest["judged_on"] == "cut" and job.nose is None):
-            raise DataError(
-                "judged_on says what holds the tolerance of the points: give tolerance, and for the cut the "
-                "nose of the tool (nose_radius)"
-            )
-        common["judged_on"] = rest["judged_on"]
     if "tolerance" in rest:
         plan = job.plan(rest["tolerance"], **common)
         return plan, plan.path
