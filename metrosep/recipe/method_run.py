@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -202,7 +203,11 @@ def _document(
             "recipe": recipe.recorded,
             "versions": versions(),
             "decision_rule": DECISION_RULE,
-            **judged(recipe, described.quantities, unlisted=described.unlisted),
+            **judged(
+                replace(recipe, checks=(*recipe.checks, *described.checks)),
+                described.quantities,
+                unlisted=described.unlisted,
+            ),
         }
     )
 

@@ -107,6 +107,51 @@ def test_limits_of_axes_are_those_of_the_words(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("axis", "text", "limit"),
+    [
+        ("z", "100 um/s", 1e-4),
+        ("z", "100 µm/s", 1e-4),
+        ("z", "6 mm/min", 1e-4),
+        ("c", "30 rpm", np.pi),
+        ("c", "30 1/min", np.pi),
+        ("c", "3 rad/s", 3.0),
+        ("c", "180 deg/s", np.pi),
+    ],
+)
+def test_a_limit_that_is_exceeded_is_rejected_in_any_unit(tmp_path, axis, text, limit):
+    name = {"z": 'z_limits = ["0.5 mm/s"]', "c": 'c_limits = ["720 deg/s"]'}[axis]
+    code, found, document = ran(
+        tmp_path, "motion.toml", lambda t: t.replace(name, f'{axis}_limits = ["{text}"]')
+    )
+    assert (code, document["verdict"]) == (1, "reject")
+    share = found[f"{axis.upper()}.velocity"]["value"] / limit
+    assert share > 1
+    assert found["rpm_share"]["value"] == pytest.approx(share, rel=1e-9, abs=0)
+    assert found["rpm_share"]["verdict"] == "reject"
+
+
+@pytest.mark.parametrize("text", ["m/s2", "m/s^2", "m/s²"])
+def test_acceleration_and_jerk_of_a_spline_are_judged(tmp_path, text):
+    def spline(recipe):
+        recipe = recipe.replace('"part.nc"', '"points.csv"\njoined_by = "spline"')
+        recipe = re.sub(r"(inverse_time|block_time|[xc]_limits).*", "", recipe)
+        return recipe.replace('["0.5 mm/s"]', f'["20 mm/s", "1 um/s3", "1e-9 {text}"]')
+
+    turn = np.arange(0.0, 3.0, 1.0 / 90.0)
+    rows = [
+        f"{a:.9f},{1.5 - 0.01 * a:.6f},{360 * a:.4f},{0.001 * np.sin(12 * a):.9f}" for a in turn
+    ]
+    head = ["# quantity tip", "t_s,X_mm,C_deg,Z_mm"]
+    (tmp_path / "points.csv").write_text("\n".join([*head, *rows, ""]))
+    code, found, document = ran(tmp_path, "motion.toml", spline)
+    assert code == 1
+    exceeded = " ".join(document["messages"])
+    assert "acceleration of Z is" in exceeded
+    assert "jerk of Z is" in exceeded
+    assert found["rpm_max"]["value"] < 60
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         ('["20 mm"]', "write limits as"),
@@ -116,6 +161,14 @@ def test_limits_of_axes_are_those_of_the_words(tmp_path):
         ('["--1 mm/s"]', "write limits as"),
         ('["1e400 mm/s"]', "write limits as"),
         ('["1 m/s2", "2 m/s^2"]', "states the acceleration twice"),
+        ('["1-2 mm/s"]', "unknown unit '-2 mm'"),
+        ('["1.2.3 mm/s"]', "unknown unit '.3 mm'"),
+        ('["1e400 mm/s"]', "is not finite"),
+        ('["1e400 mm/s3"]', "is not finite"),
+        ('["mm/s"]', "is not a number"),
+        ('["60 rpm"]', "Z moves along"),
+        ('["20 mm/s", "0.000001 m/s2"]', "acceleration of Z cannot be judged: lines meet in corners"),
+        ('["1 m/s³"]', "jerk of Z cannot be judged"),
     ],
 )
 def test_limits_that_say_nothing_are_refused(tmp_path, capsys, text, said):

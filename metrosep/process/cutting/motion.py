@@ -133,7 +133,8 @@ def axis_motion(
     Raises
     ------
     DataError
-        If the program is none, or an axis is not one of X, C and Z.
+        If the program is none, an axis is not one of X, C and Z, or acceleration or jerk is limited and
+        the points are joined by lines, which have corners.
 
     Examples
     --------
@@ -164,11 +165,18 @@ def axis_motion(
     for axis, own in given.items():
         unit = "rad" if axis == "C" else "m"
         for name, power in _POWERS.items():
-            limit, value = getattr(own, name), found[axis].get(name, 0.0)
-            if limit == math.inf or value == 0.0:
+            limit = getattr(own, name)
+            if limit == math.inf:
                 continue
-            own_rpm = rpm * (limit / value) ** (1.0 / power)
-            if own_rpm < allowed:
+            if name not in found[axis]:
+                raise DataError(
+                    f"a limit of the {name} of {axis} cannot be judged: lines meet in corners, where the "
+                    f"{name} is what the control makes of it; give limits of the velocity only, or judge a "
+                    "program of PVT or of a spline"
+                )
+            value = found[axis][name]
+            own_rpm = math.inf if value == 0.0 else rpm * (limit / value) ** (1.0 / power)
+            if own_rpm < allowed or not binding:
                 allowed, binding = own_rpm, f"{name} of {axis}"
             if value > limit * (1.0 + _KEPT):
                 at = where[axis][name]

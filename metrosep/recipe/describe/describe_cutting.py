@@ -107,13 +107,25 @@ def axis_motion_of(produced: Any, inputs: Any = None) -> Description:
                 rows[key].append(item)
     found["rpm"] = quantity(produced.rpm, "1/min", "mean spindle speed of the program")
     said: tuple[str, ...] = ()
+    checks: tuple[dict[str, Any], ...] = ()
+    if produced.binding:
+        share = produced.rpm / produced.rpm_max
+        found["rpm_share"] = quantity(
+            min(share, 1.0) if produced.is_ok else share,
+            "1",
+            "spindle speed over the one that all limits allow; above 1 a limit is exceeded",
+        )
+        # the values follow from the program alone: nothing of them is measured
+        checks = ({"metric": "rpm_share", "upper": 1.0, "U": 0.0, "name": "limits of the axes"},)
     if math.isfinite(produced.rpm_max):
         found["rpm_max"] = quantity(
             produced.rpm_max, "1/min", f"spindle speed that all limits allow: {produced.binding}"
         )
         if produced.is_ok:
             said = (f"all limits are kept; {produced.binding} would be the first to be reached",)
-    return Description(found, (), {"": rows}, messages=(*produced.exceeded, *said))
+    return Description(
+        found, (), {"": rows}, messages=(*produced.exceeded, *said), checks=checks
+    )
 
 
 def hysteresis_of(produced: Any, inputs: Any = None) -> Description:
@@ -131,7 +143,7 @@ def hysteresis_of(produced: Any, inputs: Any = None) -> Description:
         found["left_out"] = quantity(
             fit.worst_left_out,
             "m",
-            "largest residual on the minor loop that was left out of the fit",
+            "largest residual on the minor loop that was not used in the fit",
         )
     tables: dict[str, Any] = {
         "": {

@@ -41,6 +41,8 @@ class Description:
     profiles: Mapping[str, Profile] = field(default_factory=dict)
     # mapping of str to str: text files by name, which an output of parts writes as they are
     files: Mapping[str, str] = field(default_factory=dict)
+    # tuple of mapping: limits that the step itself states, in the keys of [[check]]
+    checks: tuple[Mapping[str, Any], ...] = ()
 
 
 def quantity(

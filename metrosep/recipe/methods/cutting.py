@@ -13,13 +13,19 @@ from typing import Any, ClassVar
 import numpy as np
 
 from metrosep.controllers.gcode.lathe import LatheAxes
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, UnitError
 from metrosep.core.inputs import RoleColumns
 from metrosep.core.methods import Method
 from metrosep.core.options import Option, options_of
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.core.units import format_length
+from metrosep.core.units import (
+    Unit,
+    format_length,
+    parse_quantity,
+    parse_unit,
+    unit_dimension,
+)
 from metrosep.recipe.methods.ops_machine import form_of
 from metrosep.recipe.methods.ops_process import SETTING, JobPredicted, edge_of_file
 
@@ -168,9 +174,9 @@ def _deviation(path: str, axes: LatheAxes) -> Any:
 
 # ---- what the axes must do --------------------------------------------------------------------------
 
-_LIMIT = re.compile(r"\s*([-+0-9.eE]+)\s*(mm|m|deg|rad)/(s|min)\^?([23]?)\s*")
-_SIZES = {"mm": 1e-3, "m": 1.0, "deg": np.pi / 180.0, "rad": 1.0}
-_LIMITED = {"": "velocity", "2": "acceleration", "3": "jerk"}
+_PER = re.compile(r"(.*)/\s*([^\W\d]+)(?:\^?([23]))?")
+_LIMITED = {None: "velocity", "2": "acceleration", "3": "jerk"}
+_AS_ONE = {"speed": "velocity", "acceleration": "acceleration", "frequency": "velocity"}
 _HELP = 'what {} can do, by the unit: "20 mm/s", "0.5 m/s2", "100 m/s3"'
 
 
@@ -211,29 +217,49 @@ def _limits_of(texts: tuple[str, ...], axis: str) -> Any:
     found: dict[str, float] = {}
     key = f"{axis.lower()}_limits"
     for text in texts:
-        match = _LIMIT.fullmatch(text)
-        size = _number(match[1]) if match is not None else np.nan
-        if match is None or not np.isfinite(size) or (match[3] == "min" and match[4]):
-            raise DataError(
-                f'{key} has {text!r}; write limits as "20 mm/s", "0.5 m/s2", "100 m/s3"; of C as "360 deg/s"'
-            )
-        if (match[2] in ("deg", "rad")) != (axis == "C"):
+        name, turns, value = _limit_of(text, key)
+        if turns != (axis == "C"):
             raise DataError(
                 f"{key} has {text!r}: {axis} {'turns' if axis == 'C' else 'moves along'}"
             )
-        name = _LIMITED[match[4]]
         if name in found:
             raise DataError(f"{key} states the {name} twice")
-        found[name] = size * _SIZES[match[2]] / (60.0 if match[3] == "min" else 1.0)
+        found[name] = value
     return AxisLimits(**found)
 
 
-def _number(text: str) -> float:
-    """Return a number; NaN for "1.2.3" and the like."""
+def _limit_of(text: str, key: str) -> tuple[str, bool, float]:
+    """Return what a text limits, whether it is of an axis that turns, and the limit in SI."""
+    plain = text.strip().replace("²", "2").replace("³", "3")
+    whole = unit_dimension(plain) or ""
+    if whole in _AS_ONE:
+        value = parse_quantity(plain, dimension=whole, name=key)
+        turns = whole == "frequency"
+        return _AS_ONE[whole], turns, 2.0 * np.pi * value if turns else value
+    match = _PER.fullmatch(plain)
+    time = _unit_of(match[2]) if match else None
+    size = _unit_of(re.sub(r"^[-+.\d\s]*(?:[eE][-+]?\d+)?", "", match[1])) if match else None
+    if (
+        match is None
+        or time is None
+        or size is None
+        or time.dimension != "time"
+        or size.dimension not in ("length", "angle")
+        or (match[3] and time.name != "s")
+    ):
+        raise DataError(
+            f'{key} has {text!r}; write limits as "20 mm/s", "0.5 m/s2", "100 m/s3"; of C as "360 deg/s"'
+        )
+    value = parse_quantity(match[1], dimension=size.dimension, name=key)
+    return _LIMITED[match[3]], size.dimension == "angle", value / time.factor
+
+
+def _unit_of(text: str) -> Unit | None:
+    """Return the unit that a text names, None where it names none."""
     try:
-        return float(text)
-    except ValueError:
-        return np.nan
+        return parse_unit(text)
+    except UnitError:
+        return None
 
 
 # ---- hysteresis of the stage ------------------------------------------------------------------------
@@ -269,7 +295,7 @@ class HysteresisIdentified(Method):
     }
     arguments: ClassVar[Mapping[str, Option]] = {
         "threshold_spacing": Option(
-            "number", help="between thresholds, V; a fortieth of the range if left out"
+            "number", help="between thresholds, V; a fortieth of the range if omitted"
         ),
         "course": Option(
             "file", help="displacements to be driven, in order of time: column displacement_um"
