@@ -103,7 +103,9 @@ def _parameters(obj: Any, names: tuple[str, ...], /, **options: Any) -> Any:
     from metrosep.parameters import areal_parameters, profile_parameters
 
     if "names" in options:
-        raise OptionError('parameters() takes the symbols themselves, parameters("Sq", "Sz"), not names=')
+        raise OptionError(
+            'parameters() takes the symbols themselves, parameters("Sq", "Sz"), not names='
+        )
     wanted = names or None
     if hasattr(obj, "dy"):
         return _called(areal_parameters, "parameters() of a map", obj, names=wanted, **options)

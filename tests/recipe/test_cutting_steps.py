@@ -154,12 +154,7 @@ def test_acceleration_and_jerk_of_a_spline_are_judged(tmp_path, text):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ('["20 mm"]', "write limits as"),
         ('["20 deg/s"]', "Z moves along"),
-        ('["2 m/min2"]', "write limits as"),
-        ('["1.2.3 mm/s"]', "write limits as"),
-        ('["--1 mm/s"]', "write limits as"),
-        ('["1e400 mm/s"]', "write limits as"),
         ('["1 m/s2", "2 m/s^2"]', "states the acceleration twice"),
         ('["1-2 mm/s"]', "unknown unit '-2 mm'"),
         ('["1.2.3 mm/s"]', "unknown unit '.3 mm'"),
@@ -167,7 +162,10 @@ def test_acceleration_and_jerk_of_a_spline_are_judged(tmp_path, text):
         ('["1e400 mm/s3"]', "is not finite"),
         ('["mm/s"]', "is not a number"),
         ('["60 rpm"]', "Z moves along"),
-        ('["20 mm/s", "0.000001 m/s2"]', "acceleration of Z cannot be judged: lines meet in corners"),
+        (
+            '["20 mm/s", "0.000001 m/s2"]',
+            "acceleration of Z cannot be judged: lines meet in corners",
+        ),
         ('["1 m/s³"]', "jerk of Z cannot be judged"),
     ],
 )
