@@ -199,10 +199,18 @@ def measure(
         "rule": rule, "sequential": sequential, "core_filter": core_filter,
         "lower": _pairs(lower, "--lower"), "upper": _pairs(upper, "--upper"), "U": _pairs(expanded, "--U"),
     }  # fmt: skip
-    idle = [s for s in options["U"] if s not in {**options["lower"], **options["upper"]}]
+    limits = {**options["lower"], **options["upper"]}
+    if options["U"]:
+        from metrosep.parameters.symbol_units import same_parameter
+
+        options["U"] = {
+            next((s for s in limits if same_parameter(s, name)), name): u
+            for name, u in options["U"].items()
+        }
+    idle = [s for s in options["U"] if s not in limits]
     if idle:
         raise click.UsageError(f"--U is given for {', '.join(idle)}, which has no limit")
-    if (rule or sequential) and not {**options["lower"], **options["upper"]}:
+    if (rule or sequential) and not limits:
         raise click.UsageError("--rule judges values by a limit: give --upper or --lower")
     if fields and out is None:
         raise click.UsageError(

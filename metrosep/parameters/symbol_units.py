@@ -10,7 +10,7 @@ from metrosep.core.errors import DataError
 from metrosep.core.limits import FORM_OF_SYMBOL
 from metrosep.parameters.arguments import AREAL, PROFILE, Call, call_of, is_call
 
-__all__ = ["is_of_all", "same_parameter", "unit_of_symbol"]
+__all__ = ["current_symbol", "is_of_all", "same_parameter", "unit_of_symbol"]
 
 
 def unit_of_symbol(symbol: str) -> str | None:
@@ -42,6 +42,19 @@ def is_of_all(symbol: str) -> bool:
         and not is_call(symbol)
         and unit_of_symbol(symbol) is not None
     )
+
+
+def current_symbol(name: str) -> str:
+    """Return the symbol of 2021 for one that the edition before spells otherwise, else the name itself.
+
+    Examples
+    --------
+    >>> current_symbol("Smr1"), current_symbol("Smrk1"), current_symbol("a name")
+    ('Smrk1', 'Smrk1', 'a name')
+    """
+    from metrosep.parameters.areal import _ALIASES
+
+    return next((new for new, old in _ALIASES.items() if old == name), name)
 
 
 def same_parameter(one: str, other: str) -> bool:

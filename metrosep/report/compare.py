@@ -154,7 +154,11 @@ def _entries(document: Document, side: str) -> list[Document]:
 
 
 def _metric(entry: Document) -> str:
-    return str(entry.get("metric") or entry.get("symbol") or entry.get("name") or "?")
+    from metrosep.parameters.symbol_units import current_symbol
+
+    return current_symbol(
+        str(entry.get("metric") or entry.get("symbol") or entry.get("name") or "?")
+    )
 
 
 def _pairs(

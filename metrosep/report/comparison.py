@@ -132,7 +132,9 @@ class Tolerances:
     """Allowed differences by metric or name; ``"*"`` stands for every row without its own."""
 
     def __init__(self, given: Mapping[str, float | str] | None = None) -> None:
-        self._given = dict(given or {})
+        from metrosep.parameters.symbol_units import current_symbol
+
+        self._given = {current_symbol(name): value for name, value in (given or {}).items()}
         self._used: set[str] = set()
         for name, value in self._given.items():
             if isinstance(value, bool) or not isinstance(value, int | float | str):

@@ -323,3 +323,14 @@ def test_an_added_step_and_another_type_are_told():
 def test_what_is_no_toml_is_refused():
     with pytest.raises(RecipeError, match=r"mine\.toml is not TOML"):
         compare_recipes("a = ", "", names=("mine.toml", "b"))
+
+
+@pytest.mark.parametrize("allowed", ["Smr1", "Smrk1"])
+def test_the_symbols_of_two_editions_are_one_parameter(allowed):
+    old = _result(_entry("Smr1", 0.1571, unit="1"))
+    new = _result(_entry("Smrk1", 0.1575, unit="1"))
+
+    row = _only(compare_documents(old, new, tolerances={allowed: 0.001}))
+
+    assert row.message == ""
+    assert row.difference == pytest.approx(4e-4, rel=1e-9, abs=0.0)
