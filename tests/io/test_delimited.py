@@ -354,6 +354,32 @@ def test_a_remark_behind_a_row_is_kept_and_said(put, mark):
     assert profile.metadata["lines"]["data"] == 3
 
 
+@pytest.mark.parametrize(
+    "remark",
+    [
+        "x1000", "in nm", "nm!", "E-3", "NG", "n.g.", "outlier", "unit nm", "µm", "mm (by hand)", "rejected",
+        "Fehler", "ungültig", "UNGUELTIG", "Ausreißer", "faux", "malo", "無効", "door opened, 3 s",
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("mark", [";", " # "])
+def test_a_remark_that_may_change_its_row_is_refused_by_its_line(put, remark, mark):
+    rows = [f"{i};0.{i}" + (mark + remark if i == 3 else "") for i in range(8)]
+
+    with pytest.raises(ms.errors.ReadError, match=r"line 5\b.*skip_lines='5'"):
+        ms.read(put("\n".join(["x_mm;z_um", *rows]) + "\n"))
+
+
+@pytest.mark.parametrize("remark", ["door opened", "checked in Jena", "Tür offen", "ok"])
+@pytest.mark.parametrize("mark", [";", " # "])
+def test_a_remark_of_other_words_costs_nothing(put, remark, mark):
+    rows = [f"{i};0.{i}" + (mark + remark if i == 3 else "") for i in range(8)]
+
+    profile = ms.read(put("\n".join(["x_mm;z_um", *rows]) + "\n"))
+
+    assert profile.z[3] == pytest.approx(0.3e-6, rel=0.0, abs=1e-18)
+    assert remark in profile.metadata["warnings"][0]
+
+
 def test_an_empty_quoted_cell_at_the_start_of_a_row_is_no_comment(put):
     profile = ms.read(put('"z_um";"x_mm"\n"1";"0"\n"";"1"\n"3";"2"\n'))
 

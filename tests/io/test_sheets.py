@@ -801,6 +801,14 @@ def test_what_stands_beside_the_table_of_a_worksheet_costs_no_row(book, cells, s
     assert any(said in w for w in found.metadata["warnings"])
 
 
+@pytest.mark.parametrize("cell", ["x1000", "in nm", "NG", "outlier", "E-3"])
+def test_a_cell_beside_a_row_that_may_change_it_is_refused(book, cell):
+    path = book(change=beside({"C5": cell}), a=profile())
+
+    with pytest.raises(ms.errors.ReadError, match=r"line 5\b.*skip_lines='5'"):
+        ms.read(path)
+
+
 def test_numbers_beside_the_table_without_a_word_are_refused(book):
     path = book(change=beside({"D4": 0.5}), a=profile())
 

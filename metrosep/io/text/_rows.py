@@ -12,6 +12,7 @@ import contextlib
 import csv
 import io
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -32,6 +33,7 @@ from metrosep.io.text.dialect import (
     Layout,
     bare_unit,
     is_comment,
+    is_other_unit,
     n_used,
 )
 
@@ -80,6 +82,39 @@ _IN_DOUBT = {
     ".": re.compile(r"(?<![\d.,])[1-9]\d{0,2}\.\d{2}0(?![\d.,])"),
 }
 """A number that may be in groups of thousands; with a point only where it ends in 0."""
+
+
+_SPOILED = """
+ng nok nio not no bad wrong error errors err fail failed failure fault faulty outlier outliers reject
+rejected invalid void ignore ignored discard discarded delete deleted exclude excluded skip skipped drop
+dropped spike glitch artefact artifact suspect doubtful damaged broken scrap repeat repeated redo scaled
+times double doubled half fehler fehlerhaft falsch ungültig ungueltig ausreisser ausschuss schlecht defekt
+verworfen gestört nicht kein keine mal faux fausse erreur mauvais mauvaise invalide aberrant aberrante rejet
+rejeté rebut pas errore errato sbagliato scarto scartato non malo mala erróneo erroneo inválido rechazado
+atípico fallo descartado fout ongeldig fel ogiltig błąd chyba
+"""
+_SPOILS = frozenset(_SPOILED.split())
+"""Words that call a row bad, or its numbers others than they are."""
+_SPOILS_WITHIN = re.compile(
+    "無効|不良|異常|外れ|除外|エラー|无效|"
+    "無效|异常|错|坏|粗大|剔除|不合格|오류|무효|"
+    "불량|ошиб|неверн|брак|"
+    "выброс"
+)
+"""The same where words are not set apart, or have many endings."""
+_APART = re.compile(r"[^\w/\u00b0%'\u2019]+|_")
+
+
+def changes_row(remark: str) -> bool:
+    """Whether a remark may change what its row says: by a digit, a unit, or a word that calls it bad."""
+    text = unicodedata.normalize("NFKC", remark).strip("#% ")
+    words = [w for t in (text, text.replace(".", "")) for w in _APART.split(t) if w]  # n.g. too
+    if any(map(str.isdigit, text)) or bare_unit(text) or is_other_unit(text):
+        return True
+    if _SPOILS_WITHIN.search(text.casefold()) or any(w.casefold() in _SPOILS for w in words):
+        return True
+    # "in" is an inch where it stands alone only
+    return any(w != "in" and (bare_unit(w) or (len(w) > 1 and is_other_unit(w))) for w in words)
 
 
 class Ledger:
@@ -460,26 +495,32 @@ class Body:
     def _without_remark(self, number: int, line: str, remark: re.Match[str]) -> list[str] | None:
         """Return the fields before a remark where they are a whole row."""
         fields = self._layout.dialect.split([line[: remark.start()]])[0]
+        text = remark.group().strip()
         if n_used(fields) != self._n or self._labels[-1]:
             return None
-        self.ledger.note("remark", number, remark.group().strip())
+        if changes_row(text):
+            raise self._file.corrupt(
+                "the remark behind the row may change what the row says",
+                field=f"line {number}",
+                found=repr(text[:40]),
+                hint=f"leave that line out with skip_lines='{number}', or correct it and remove the remark",
+            )
+        self.ledger.note("remark", number, text)
         return fields
 
     def _has_remark(self, number: int, fields: Sequence[str]) -> bool:
         """Whether nothing but words stand behind a whole row: in a field that other rows do not have.
 
-        A number, a unit or a word that calls the row bad may change what the row says: no remark. In a
+        A digit, a unit or a word that calls the row bad may change what the row says: no remark. In a
         worksheet numbers behind a word are cells of their own, such as a mean beside the table.
         """
         beside = self._file.table_format == "worksheet"
         row, behind = fields[: self._n], [f.strip().strip('"').strip() for f in fields[self._n :]]
         first = next(f for f in behind if f)
         odd = (
-            f.lower() in self._words
-            or bare_unit(f) is not None
-            or (NUMBER_LIKE.match(f) and not beside)
+            f.lower() in self._words or changes_row(f)
             for f in behind
-            if f
+            if f and not (beside and NUMBER_LIKE.fullmatch(f))
         )
         if not first[:1].isalpha() or any(odd) or not all(map(self._fits, row, self._labels)):
             return False
