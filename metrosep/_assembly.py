@@ -55,7 +55,8 @@ def _check_options(made: Any, what: str, given: int, options: Mapping[str, Any])
     missing = [p.name for p in known if p.default is p.empty and p.name not in options]
     if stray or missing:
         said = f"does not take {', '.join(stray)}" if stray else f"needs {', '.join(missing)}"
-        raise OptionError(f"{what} {said}; its options are {', '.join(names)}")
+        shown = ", ".join(k for k in names if k != "names")  # which are no keyword of ours
+        raise OptionError(f"{what} {said}; its options are {shown}")
 
 
 def _called(made: Any, what: str, /, *values: Any, **options: Any) -> Any:
@@ -103,7 +104,9 @@ def _parameters(obj: Any, names: tuple[str, ...], /, **options: Any) -> Any:
     from metrosep.parameters import areal_parameters, profile_parameters
 
     if "names" in options:
-        raise OptionError('parameters() takes the symbols themselves, parameters("Sq", "Sz"), not names=')
+        raise OptionError(
+            'parameters() takes the symbols themselves, parameters("Sq", "Sz"), not names='
+        )
     wanted = names or None
     if hasattr(obj, "dy"):
         return _called(areal_parameters, "parameters() of a map", obj, names=wanted, **options)

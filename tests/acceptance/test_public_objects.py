@@ -363,7 +363,7 @@ def test_a_picture_with_a_scale_of_its_own_takes_no_other(kind, option):
 
 
 def test_a_recording_is_drawn_in_its_own_units():
-    with pytest.raises(errors.OptionError, match="own scale.*unit"):
+    with pytest.raises(errors.OptionError, match=r"own scale.*unit"):
         OBJECTS["Recording"].plot(unit="nm")
 
 
