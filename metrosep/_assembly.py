@@ -55,7 +55,8 @@ def _check_options(made: Any, what: str, given: int, options: Mapping[str, Any])
     missing = [p.name for p in known if p.default is p.empty and p.name not in options]
     if stray or missing:
         said = f"does not take {', '.join(stray)}" if stray else f"needs {', '.join(missing)}"
-        raise OptionError(f"{what} {said}; its options are {', '.join(names)}")
+        shown = ", ".join(k for k in names if k != "names")  # which are no keyword of ours
+        raise OptionError(f"{what} {said}; its options are {shown}")
 
 
 def _called(made: Any, what: str, /, *values: Any, **options: Any) -> Any:
