@@ -164,7 +164,10 @@ def test_acceleration_and_jerk_of_a_spline_are_judged(tmp_path, text):
         ('["1e400 mm/s3"]', "is not finite"),
         ('["mm/s"]', "is not a number"),
         ('["60 rpm"]', "Z moves along"),
-        ('["20 mm/s", "0.000001 m/s2"]', "acceleration of Z cannot be judged: lines meet in corners"),
+        (
+            '["20 mm/s", "0.000001 m/s2"]',
+            "acceleration of Z cannot be judged: lines meet in corners",
+        ),
         ('["1 m/s³"]', "jerk of Z cannot be judged"),
     ],
 )

@@ -123,9 +123,7 @@ def axis_motion_of(produced: Any, inputs: Any = None) -> Description:
         )
         if produced.is_ok:
             said = (f"all limits are kept; {produced.binding} would be the first to be reached",)
-    return Description(
-        found, (), {"": rows}, messages=(*produced.exceeded, *said), checks=checks
-    )
+    return Description(found, (), {"": rows}, messages=(*produced.exceeded, *said), checks=checks)
 
 
 def hysteresis_of(produced: Any, inputs: Any = None) -> Description:
