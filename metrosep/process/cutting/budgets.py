@@ -57,6 +57,10 @@ _SHARE = 0.01
 """Of the total: a sum of maps that is off by more is not trusted."""
 _TINY = 2e-11
 """m: below that nothing is said."""
+_NEAR, _HALF = 0.05, 0.5
+"""Of an amount: what certificates and maps of first order are known to; of the variance of a part."""
+_LARGEST_GAP = math.radians(60.0)
+"""Azimuth without a point, from which a ring is not measured round its axis."""
 _PER_FEED = 24
 """Places over one feed, for a mean without cusps."""
 
@@ -193,7 +197,7 @@ def cut_budget(
     Raises
     ------
     DataError
-        If the program is one of cut points, or cuts none of the places.
+        If the program is one of cut points, or cuts none of the places, or the log does not cover it.
     LimitError
         If an edge would cut beyond its window.
 
@@ -215,6 +219,8 @@ def cut_budget(
     ['program', 'tool setting']
     """
     form = known_form(form)
+    if deviation is not None:
+        _require_whole(deviation, program)
     xs, ys = positions(x, y)
     plain = replace(nose, edge=None)
     base = virtual_cut(program, plain, xs, ys, form=form)
@@ -322,6 +328,18 @@ def _setting(
     )
 
 
+def _require_whole(deviation: PathDeviation, program: TurningProgram) -> None:
+    """Refuse a log that does not hold the entire program."""
+    (a, b), (first, last) = ((float(v[0]), float(v[-1])) for v in (deviation.t, program.t))
+    if a > first or b < last:
+        share = max(0.0, min(b, last) - max(a, first)) / program.duration
+        raise DataError(
+            f"the log runs from {a:.6g} s to {b:.6g} s, the program from {first:.6g} s to {last:.6g} s: the log "
+            f"covers {100.0 * share:.3g} % of it, and what it does not cover is not zero; its time begins "
+            "with that of the program: shift it, or give a log of the whole program"
+        )
+
+
 def _moved(program: TurningProgram, deviation: PathDeviation) -> TurningProgram:
     """Return the course of the tip with its deviations, at the times of both."""
     inside = (deviation.t > program.t[0]) & (deviation.t < program.t[-1])
@@ -329,12 +347,6 @@ def _moved(program: TurningProgram, deviation: PathDeviation) -> TurningProgram:
     t = t[np.append(True, np.diff(t) > 1e-9 * program.duration / len(program))]
     X, azimuth, Z = program.at(t)
     dX, da, dZ = deviation.at(t)
-    unknown = ~(np.isfinite(dX) & np.isfinite(da) & np.isfinite(dZ))
-    if unknown.any():
-        raise DataError(
-            f"the log covers {100.0 * (1.0 - float(unknown.mean())):.3g} % of the program; what it does not "
-            "cover is not zero: give a log of the whole program, or a shorter program"
-        )
     joined = "linear" if program.interpolation == "linear" else "spline"
     return TurningProgram(X + dX, azimuth + da, Z + dZ, t, "tip", joined)  # type: ignore[arg-type]
 
@@ -369,6 +381,20 @@ class CauseFit(Frozen):
     explained: float
     residual: float
     messages: tuple[str, ...] = ()
+
+    @property
+    def unlikely(self) -> tuple[str, ...]:
+        """Causes whose amount is neither 0 nor 1, by more than U (k = 2) and 0.05."""
+        return tuple(
+            name
+            for name, a in self.amounts.items()
+            if min(abs(a), abs(a - 1.0)) > max(2.0 * self.u[name], _NEAR)
+        )
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether each cause is there or not there, and together they explain half of the variance."""
+        return not self.unlikely and not self.explained < _HALF
 
 
 def fit_causes(found: CutBudget, error: ArrayLike, x: ArrayLike, y: ArrayLike) -> CauseFit:
@@ -462,9 +488,19 @@ def fit_causes(found: CutBudget, error: ArrayLike, x: ArrayLike, y: ArrayLike) -
         if pairs:
             said.append(f"hard to distinguish on this part: {', '.join(pairs)}")
     explained = 1.0 - float(rest @ rest) / float(bare @ bare) if bare.any() else math.nan
-    return CauseFit(
-        amounts, u, correlation, explained, float(np.sqrt(np.mean(rest**2))), tuple(said)
-    )
+    fit = CauseFit(amounts, u, correlation, explained, float(np.sqrt(np.mean(rest**2))))
+    if fit.unlikely:
+        shown = ", ".join(f"{amounts[n]:.3g} (u {u[n]:.2g}) of {n}" for n in fit.unlikely)
+        said.append(
+            f"the part shows {shown}, where 1 is all of it and 0 none: a sign, centre or orientation of the map, "
+            "or a cause that is not in the budget"
+        )
+    if explained < _HALF:
+        said.append(
+            f"the causes explain {100.0 * explained:.3g} % of the variance of the part: the amounts say little. "
+            "Look at what is left, and at centre and orientation of the map"
+        )
+    return replace(fit, messages=tuple(said))
 
 
 # ---- a measured part tells which errors of tool and setting explain it --------------------------
@@ -523,6 +559,7 @@ def identify_edge(
     sense: Sense | None = None,
     free: Sequence[str] = ("piston", "tilt_x", "tilt_y", "dx", "dy", "dR"),
     region: tuple[float, float] | None = None,
+    centre: tuple[float, float] | None = None,
     points: int = _MOST_POINTS,
     seed: int = 0,
 ) -> EdgeFit:
@@ -531,7 +568,7 @@ def identify_edge(
     Parameters
     ----------
     measured : Surface
-        Heights of the part as it was cut, the spindle axis at x = y = 0.
+        Heights of the part as it was cut.
     form : Form
         The surface wanted.
     nose : RoundNose
@@ -542,6 +579,9 @@ def identify_edge(
         Of piston, tilt_x, tilt_y, dx, dy, dR, yaw and rake.
     region : tuple of (float, float), m, optional
         Inner and outer radius of the points that count.
+    centre : tuple of (float, float), m, optional
+        Where the spindle axis is in the coordinates of the map; if omitted at x = y = 0, of a map that
+        declares no origin in the middle of what was measured.
     points : int, optional
         How many at most, drawn from the valid ones.
     seed : int, optional
@@ -555,7 +595,8 @@ def identify_edge(
     Raises
     ------
     DataError
-        If a name is not known or nothing of the tool is free, or as of `edge_error`.
+        If a name is not known or nothing of the tool is free, the map does not go round the axis and no
+        centre is given, or as of `edge_error`.
     TooFewSamplesError
         If there are fewer points than free values.
     DegenerateFitError
@@ -589,7 +630,7 @@ def identify_edge(
             'dy and yaw are free: give sense="counterclockwise" or sense="clockwise" (how the tool went '
             "round the part, seen from above)"
         )
-    x, y, z = drawn_points(measured, region, points, seed)
+    x, y, z, notes = drawn_points(measured, region, points, seed, centre)
     if x.size < 3 * len(names):
         raise TooFewSamplesError(
             f"{x.size} points for {len(names)} free values: measure more, or free less"
@@ -620,7 +661,7 @@ def identify_edge(
             solved[n], u[n] = solved[n] / size, u[n] / size
     known: Any = {n: solved.get(n, 0.0) for n in FACTORS}
     setting = ToolSetting(**known, **{f"u_{n}": u.get(n, 0.0) for n in FACTORS})
-    said = []
+    said = [*notes]
     pairs = [
         f"{a} and {b} ({correlation[i, j]:.3f})"
         for i, a in enumerate(names)
@@ -641,19 +682,32 @@ def _turned(nose: RoundNose, at: Mapping[str, float]) -> RoundNose:
 
 
 def drawn_points(
-    measured: Surface, region: tuple[float, float] | None, points: int, seed: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return positions and heights of measured points within a ring."""
-    found = points_of(measured, centre=(0.0, 0.0), middle=False)
+    measured: Surface,
+    region: tuple[float, float] | None,
+    points: int,
+    seed: int,
+    centre: tuple[float, float] | None = None,
+) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
+    """Return positions and heights of measured points within a ring, and where its axis was taken."""
+    found = points_of(measured, centre=centre, middle=True)
     columns = [np.concatenate(v) for v in zip(*found.valid_blocks(), strict=True)]
     x, y, z = columns
     rho = np.hypot(x, y)
     low, high = (0.0, math.inf) if region is None else region
     inside = np.flatnonzero((rho >= low) & (rho <= high))
+    around = np.sort(np.arctan2(y[inside], x[inside]))
+    gap = float(np.diff(around, append=around[:1] + 2.0 * np.pi).max(initial=0.0))
+    if centre is None and (not inside.size or gap > _LARGEST_GAP):
+        a, b = (format_length(v) for v in found.centre)
+        part = f"a gap of {math.degrees(gap):.3g} degrees" if inside.size else "no point"
+        raise DataError(
+            f"the map has {part} in the ring that the program cuts about the axis, x = {a}, y = {b}: give "
+            "the place of the spindle axis on the map, centre, or measure all round"
+        )
     most = numbers.count(points, "points", least=10)
     if inside.size > most:
         inside = np.sort(np.random.default_rng(seed).choice(inside, most, replace=False))
-    return x[inside], y[inside], z[inside]
+    return x[inside], y[inside], z[inside], found.notes
 
 
 def _solved(

@@ -6,7 +6,7 @@ And the hysteresis of the stage that drives a fast tool: identified from loops, 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -27,7 +27,15 @@ from metrosep.core.units import (
     unit_dimension,
 )
 from metrosep.recipe.methods.ops_machine import form_of
-from metrosep.recipe.methods.ops_process import SETTING, JobPredicted, edge_of_file
+from metrosep.recipe.methods.ops_process import (
+    NO_EDGE,
+    OF_PART,
+    SETTING,
+    JobPredicted,
+    centre_of,
+    columns_in_units,
+    edge_of_file,
+)
 
 __all__ = ["CutBudgetFound", "HysteresisFound"]
 
@@ -95,11 +103,10 @@ class CutBudgeted(Method):
         "log": Option(
             "file",
             help="what the axes did beside their command: columns t_s, X_um (of the radius, as the axis "
-            "points), C_deg, Z_um, actual minus commanded",
+            "points), C_deg, Z_um (or other units), actual minus commanded",
         ),
-        "part": Option(
-            "file", help="map of a part that was cut with the program, its centre at 0, 0"
-        ),
+        "part": Option("file", help="map of a part that was cut with the program"),
+        "centre": Option("lengths", help=OF_PART),
     }
 
     @classmethod
@@ -118,16 +125,18 @@ class CutBudgeted(Method):
         nose = RoundNose(options["nose_radius"], **words)
         actual = None
         said: tuple[str, ...] = ()
+        if "edge_rises" in options and "edge" not in options:
+            raise DataError(NO_EDGE)
         if "edge" in options:
             profile = edge_of_file(options["edge"], options.get("edge_rises"))
             actual, said = replace(nose, edge=profile), profile.messages
         setting = {k: options[k] for k in SETTING if k in options}
         form = form_of(options["form"])
         low, high = touched_radii(program, nose, form)
-        pixel, error = 0.0, None
+        pixel, z, centre = 0.0, None, centre_of(options)
         if "part" in options:
-            x, y, z = drawn_points(_map_of(options["part"]), (low, high), 1500, 0)
-            error = z - form(x, y)
+            x, y, z, notes = drawn_points(_map_of(options["part"]), (low, high), 1500, 0, centre)
+            said = (*said, *notes)
         else:
             pixel = 2.0 * high / (_PIXELS - 1)
             axis = np.linspace(-high, high, _PIXELS)
@@ -135,15 +144,67 @@ class CutBudgeted(Method):
         rho = np.hypot(x, y)
         inside = (rho >= low) & (rho <= high) & np.isfinite(form(x, y))
         x, y = x[inside], y[inside]
-        budget = cut_budget(
-            program, nose, x, y,
-            form=form,
-            actual=actual,
-            setting=ToolSetting(**setting) if setting else None,
-            deviation=_deviation(options["log"], axes) if "log" in options else None,
-        )  # fmt: skip
-        shown = None if error is None else fit_causes(budget, error[inside], x, y)
+        deviation = _deviation(options["log"], axes) if "log" in options else None
+
+        def budget_at(x: Any, y: Any) -> Any:
+            return cut_budget(
+                program, nose, x, y,
+                form=form,
+                actual=actual,
+                setting=ToolSetting(**setting) if setting else None,
+                deviation=deviation,
+            )  # fmt: skip
+
+        budget, shown = budget_at(x, y), None
+        if z is not None:
+            z = z[inside]
+            shown = fit_causes(budget, z - form(x, y), x, y)
+            if not shown.is_plausible:
+                said = (*said, *_other_orientation(shown.residual, budget_at, form, x, y, z))
         return CutBudgetFound(budget, x, y, pixel, shown, said)
+
+
+_ORIENTATIONS = {
+    "mirrored in x": (-1.0, 1.0),
+    "mirrored in y": (1.0, -1.0),
+    "turned by 180 degrees": (-1.0, -1.0),
+}
+_FAR_LESS = 0.5
+"""Of the RMS that is left: another orientation that leaves less than that is named."""
+
+
+def _other_orientation(
+    left: float, budget_at: Callable[[Any, Any], Any], form: Any, x: Any, y: Any, z: Any
+) -> tuple[str, ...]:
+    """Return what to say where the map explains far more if it is mirrored or turned."""
+    from metrosep.process.cutting.budgets import fit_causes
+
+    def bare(error: Any) -> float:
+        plane = np.column_stack([np.ones(x.size), x, y])
+        return float(np.std(error - plane @ np.linalg.lstsq(plane, error, rcond=None)[0]))
+
+    best, words = left, ""
+    limit = max(left, bare(z - form(x, y)))
+    for name, (a, b) in _ORIENTATIONS.items():
+        error = z - form(a * x, b * y)
+        if not np.isfinite(error).all():
+            continue
+        rms = bare(error)
+        if rms > limit:
+            continue  # not even the form is that of the part
+        try:
+            rms = fit_causes(budget_at(a * x, b * y), error, a * x, b * y).residual
+        except DataError:
+            continue
+        if rms < min(best, _FAR_LESS * left):
+            best, words = rms, name
+    if not words:
+        return ()
+    text = (
+        f"{words}, the map would leave {format_length(best)} RMS instead of {format_length(left)}: look at the "
+        "orientation in which it was measured or exported"
+    )
+    return (text,)
 
 
 def _map_of(path: str) -> Surface:
@@ -158,18 +219,11 @@ def _map_of(path: str) -> Surface:
 
 def _deviation(path: str, axes: LatheAxes) -> Any:
     """Return what the axes did beside their command, of a file."""
-    from metrosep.io.runs import Role, read_roles
     from metrosep.process import PathDeviation
 
-    found = read_roles(
-        [path],
-        {
-            "t": Role("t_s", "time"), "x": Role("X_um", "length"),
-            "c": Role("C_deg", "angle"), "z": Role("Z_um", "length"),
-        },
-    ).values  # fmt: skip
+    found = columns_in_units(path, "t_s", "X_um", "C_deg", "Z_um")
     outward = -1.0 if axes.tool_side == "-X" else 1.0
-    return PathDeviation(found["t"], outward * found["x"], axes.way * found["c"], found["z"])
+    return PathDeviation(found["t"], outward * found["X"], axes.way * found["C"], found["Z"])
 
 
 # ---- what the axes must do --------------------------------------------------------------------------
@@ -298,19 +352,19 @@ class HysteresisIdentified(Method):
             "number", help="between thresholds, V; a fortieth of the range if omitted"
         ),
         "course": Option(
-            "file", help="displacements to be driven, in order of time: column displacement_um"
+            "file",
+            help="displacements to be driven, in order of time: column displacement_um (or another unit)",
         ),
         "history": Option(
             "texts",
-            help="voltages that the stage has seen before the course, from never driven on: 0,10,0; none for "
-            "a stage never driven",
+            help="voltages that the stage has seen before the course, from never driven on, within the range of "
+            "the loops: 0,10,0 (V, or with a unit); none for a stage never driven",
         ),
     }
 
     @classmethod
     def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> HysteresisFound:
         """Return what the step makes."""
-        from metrosep.io.runs import Role, read_roles
         from metrosep.process import PrandtlIshlinskii, compare_drives, flexure_calibration
 
         n = data.values["displacement"].size
@@ -329,28 +383,36 @@ class HysteresisIdentified(Method):
                 "the voltages of a course depend on what the stage has seen before: give history, such as "
                 '"0,10,0" for a conditioning cycle, or "none" for a stage never driven'
             )
-        wanted = read_roles(
-            [options["course"]], {"wanted": Role("displacement_um", "length")}
-        ).values["wanted"]
-        drives = compare_drives(
-            wanted, fit.model, flexure_calibration(log), history=_voltages(options["history"])
-        )
+        wanted = columns_in_units(options["course"], "displacement_um")["displacement"]
+        history = _voltages(options["history"], data.values["voltage"])
+        drives = compare_drives(wanted, fit.model, flexure_calibration(log), history=history)
         off = fit.rms if np.isnan(fit.worst_left_out) else fit.worst_left_out
         said = (
             "what is left on the course is by the model, which the inverse undoes; the model itself is off by "
-            f"{format_length(off)} on {'its loops (RMS)' if off == fit.rms else 'the loop left out'}: expect that"
+            f"{format_length(off)} on {'its loops (RMS)' if off == fit.rms else 'the loop that was not used'}: expect that"
         )
         return HysteresisFound(fit, drives, wanted, (said,))
 
 
-def _voltages(texts: tuple[str, ...]) -> tuple[float, ...]:
-    """Return voltages that were typed."""
+_BEYOND = 0.01
+"""Of the range of the loops: by so much a logged voltage differs from the one that was set."""
+
+
+def _voltages(texts: tuple[str, ...], loops: Any) -> tuple[float, ...]:
+    """Return voltages that were typed, within the range of the loops."""
     each = [t.strip() for text in texts for t in text.split(",")]
     if each == ["none"]:
         return ()
-    try:
-        return tuple(float(re.sub(r"\s*V$", "", t)) for t in each)
-    except ValueError:
-        raise DataError(
-            f"history is voltages such as 0,10,0, or none; got {', '.join(texts)}"
-        ) from None
+    found = tuple(
+        parse_quantity(t if t[-1:].isalpha() else f"{t} V", dimension="voltage", name="history")
+        for t in each
+    )
+    low, high = float(np.nanmin(loops)), float(np.nanmax(loops))
+    allowed = _BEYOND * (high - low)
+    for text, value in zip(each, found, strict=True):
+        if not low - allowed <= value <= high + allowed:
+            raise DataError(
+                f"history has {text} (in V if no unit is given), and the loops go from {low:.4g} V to {high:.4g} V: "
+                "the model does not know the stage beyond; give voltages within, or loops of the entire range"
+            )
+    return found

@@ -16,10 +16,16 @@ from metrosep.core.options import Option
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.core.units import format_length
+from metrosep.core.units import column_unit, format_length
 from metrosep.recipe.methods.ops_machine import CENTRE, form_of, one_map
 
 __all__ = ["SETTING", "JobResult"]
+
+
+OF_PART = (
+    "x and y of the spindle axis in the coordinates of the map of the part; 0, 0 if omitted, or the middle of a "
+    "map without an origin"
+)
 
 
 class SettingFound(Method):
@@ -193,13 +199,23 @@ class JobResult:
         """What to know."""
         plan = () if self.plan is None else self.plan.points.messages
         program = () if self.program is None else self.program.messages
+        edge = getattr(self.nose, "edge", None)
+        taken = () if edge is None else edge.messages
         unshaped = ", ".join(self.prediction.budget.without_map)
         sums = (
             (f"{unshaped} is known as a P-V only: the maps cannot be added",) if unshaped else ()
         )
         return tuple(
             dict.fromkeys(
-                (*self.doubts, *self.found, *plan, *self.prediction.messages, *sums, *program)
+                (
+                    *self.doubts,
+                    *taken,
+                    *self.found,
+                    *plan,
+                    *self.prediction.messages,
+                    *sums,
+                    *program,
+                )
             )
         )
 
@@ -292,9 +308,10 @@ class JobPredicted(Method):
         ),
         "part": Option(
             "file",
-            help="map of the part as cut with the nominal path, its centre at 0, 0: it tells dx, dy, dR, "
-            "and the program makes up for them",
+            help="map of the part as cut with the nominal path: it tells dx, dy, dR, and the program makes up "
+            "for them",
         ),
+        "centre": Option("lengths", help=OF_PART),
         "part_free": Option(
             "texts", help="what that map tells, dx,dy,dR (yaw, rake too); piston and tilt always"
         ),
@@ -381,13 +398,46 @@ def _nose(rest: Mapping[str, Any]) -> Any:
         return None
     nose = RoundNose(rest["nose_radius"], **{k: rest[k] for k in _NOSE if k in rest})
     if "edge" not in rest:
+        if "edge_rises" in rest:
+            raise DataError(NO_EDGE)
         return nose
     return replace(nose, edge=edge_of_file(rest["edge"], rest.get("edge_rises")))
 
 
+NO_EDGE = "edge_rises belongs to the file of a certificate: give it, edge"
+
+
+def centre_of(options: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Return where the spindle axis is on the map of a part, None where that is not given."""
+    if "centre" not in options:
+        return None
+    if "part" not in options:
+        raise DataError("centre is the axis on the map of a part: give that, part")
+    if len(options["centre"]) != 2:
+        raise DataError(f"centre is two lengths, got {len(options['centre'])}")
+    return (options["centre"][0], options["centre"][1])
+
+
+def columns_in_units(path: str, *usual: str) -> dict[str, Any]:
+    """Return columns of a file in SI by their bare names, each in the unit that its header states."""
+    from metrosep.io.runs import Role, columns_of, read_roles
+    from metrosep.io.source import open_file
+
+    _, table, _ = columns_of(open_file(path), {})
+    roles = {}
+    for header in usual:
+        name, unit = column_unit(header)
+        same = [n for n in table.names if column_unit(n)[0].lower() == name.lower()]
+        if len(same) > 1:
+            raise DataError(
+                f"{path}: {' and '.join(same)} are the same column in two units: keep one of them"
+            )
+        roles[name] = Role(same[0] if same else header, unit.dimension if unit else "any")
+    return dict(read_roles([path], roles).values)
+
+
 def edge_of_file(path: str, rises: str | None) -> Any:
     """Return the `EdgeProfile` of a file of a certificate, its circle taken off."""
-    from metrosep.io.runs import Role, read_roles
     from metrosep.process import EdgeProfile
 
     if rises is None:
@@ -395,14 +445,13 @@ def edge_of_file(path: str, rises: str | None) -> Any:
             'edge_rises says where psi grows to: "outwards" (away from the spindle axis) or "inwards"; plots '
             "run from left to right on the rake face, which is either"
         )
-    roles = {"psi": Role("psi_deg", "angle"), "wave": Role("deviation_nm", "length")}
-    found = read_roles([path], roles).values
-    return EdgeProfile.from_certificate(found["psi"], found["wave"], rises=rises)  # type: ignore[arg-type]  # checked there
+    found = columns_in_units(path, "psi_deg", "deviation_nm")
+    return EdgeProfile.from_certificate(found["psi"], found["deviation"], rises=rises)  # type: ignore[arg-type]  # checked there
 
 
 SETTING = ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR")
 _NOSE = ("rake", "window", "clearance", "flank", "yaw", "radius_in")
-_OF_NOSE = (*_NOSE, "edge", "edge_rises", "servo", "part")
+_OF_NOSE = (*_NOSE, "edge", "edge_rises", "servo", "part", "centre")
 """Keys that mean something with a nose only."""
 
 
@@ -435,6 +484,7 @@ def _told_by_part(
         nose=job.nose,
         sense=job.sense,
         free=("piston", "tilt_x", "tilt_y", *free),
+        centre=centre_of(rest),
         region=(max(job.core, 0.02 * job.radius) + job.feed, job.radius - job.feed),
     )
     texts = []
