@@ -23,6 +23,7 @@ from metrosep.core.surface import Surface
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import format_length
 from metrosep.io._roles import runs_in
+from metrosep.io.containers.hdf5 import saved_object
 from metrosep.io.findings import Finding, Level, height_findings
 from metrosep.io.own_runs import run_table
 from metrosep.io.read import read_any, read_one, recognise
@@ -297,8 +298,12 @@ def describe(
         file = principal(file)
     description = recognise(file, format, options)
     try:
-        if description.id == "metrosep-h5" and not options:
-            own = description.load_reader().read(file)
+        if description.id in ("metrosep-h5", "hdf5") and not options:
+            own = (
+                saved_object(file)
+                if description.id == "hdf5"
+                else description.load_reader().read(file)
+            )
             if isinstance(own, RunSet):
                 return _of_runs(file, own)
         obj = read_one(file.path, format=description.id, **options)

@@ -492,11 +492,13 @@ def stored_runs(file: RawFile) -> RunSet | None:
         from metrosep.io.own_runs import own_runs
 
         return own_runs(file, table)
-    if known != _OWN:
+    if known not in (_OWN, "hdf5"):
         return None
-    from metrosep.io.containers.native import read
+    from metrosep.io.containers import hdf5, native
 
-    obj = read(file)
+    obj = native.read(file) if known == _OWN else hdf5.saved_object(file)
+    if obj is None:
+        return None
     if isinstance(obj, RunSet):
         return obj
     if isinstance(obj, Recording):

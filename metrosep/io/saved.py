@@ -30,7 +30,7 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.public import PublicObject, state_of
 
-__all__ = ["SCHEMA", "load", "save"]
+__all__ = ["SCHEMA", "load", "restored", "save"]
 
 SCHEMA = "metrosep.object/1"
 _MOST_BYTES = 2**34
@@ -79,8 +79,6 @@ def load(path: str | os.PathLike[str]) -> Any:
     UnsupportedFeatureError
         If it was written by a newer schema, or holds a class that this version does not have.
     """
-    import h5py
-
     if os.fspath(path).lower().endswith(".json"):
         return attached.load_document(path)
     try:
@@ -89,6 +87,13 @@ def load(path: str | os.PathLike[str]) -> Any:
         raise FileMissingError(f"{path}: no such file; check the name", str(path)) from None
     except OSError as exc:
         raise CorruptFileError(path, f"cannot be read ({exc.strerror or exc})") from None
+    return restored(data, path)
+
+
+def restored(data: bytes, path: str | os.PathLike[str]) -> Any:
+    """Return the object that the content of a file holds."""
+    import h5py
+
     hint = "save the object again"
     try:
         with h5py.File(BytesIO(data), "r") as file:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
+from metrosep.cli.main import main
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 from metrosep.io.containers import native
@@ -211,3 +212,71 @@ def test_runs_are_cut_from_the_recordings_of_loggers(put):
     assert runs.history[0].parameters["format"] == "metrosep-h5"
     with pytest.raises(ms.errors.UnitError, match="probe"):
         ms.read_runs(paths, x="encoder", z="probe")
+
+
+# What `save` wrote, at the door for files
+
+
+def saved_things():
+    x = np.linspace(0.0, 0.01, 21)
+    z = np.arange(12.0).reshape(3, 4) * 1e-9
+    return [
+        ms.Surface(z, 2e-6, 3e-6, origin=(1e-3, 2e-3), metadata={"part": "lens 7"}),
+        ms.Profile(x, 1e-6 * x),
+        ms.Recording(x, {"gap": 1e-6 * x}, units={"gap": "m"}),
+        ms.RunSet([ms.Run(x, 1e-6 * x, feed=0.05, run_id="07"), ms.Run(x[::-1], x, run_id="7")]),
+    ]
+
+
+@pytest.mark.parametrize("obj", saved_things(), ids=lambda o: type(o).__name__)
+def test_what_save_wrote_is_read_in_si(tmp_path, obj, capsys):
+    path = tmp_path / "saved.h5"
+    obj.save(path)
+
+    back = ms.read(path)
+
+    assert type(back) is type(obj)
+    if isinstance(obj, ms.RunSet):
+        assert [r.run_id for r in back] == ["07", "7"]
+        assert [r.z.tolist() for r in back] == [r.z.tolist() for r in obj]
+        assert len(ms.read_runs(path)) == 2
+    elif isinstance(obj, ms.Recording):
+        assert back.channels["gap"].tolist() == obj.channels["gap"].tolist()
+    else:
+        assert back.z.tolist() == obj.z.tolist()
+    if isinstance(obj, ms.Surface):
+        assert (back.dx, back.dy, back.origin) == (obj.dx, obj.dy, obj.origin)
+        assert back.metadata["part"] == "lens 7"
+    assert back.history[-1].parameters["sha256"] == back.metadata["sha256"]
+    with pytest.raises(SystemExit) as stop:
+        main(["info", str(path)])
+    assert stop.value.code == 0, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "asked", [{"unit": "nm"}, {"channel": "/array_0"}, {"lateral_step": 1e-6}]
+)
+def test_no_unit_or_step_is_put_on_what_save_wrote(tmp_path, asked):
+    saved_things()[0].save(tmp_path / "map.h5")
+
+    with pytest.raises(ms.errors.ReadError, match="object that metrosep saved"):
+        ms.read(tmp_path / "map.h5", **asked)
+
+
+def test_another_object_that_save_wrote_is_for_load(tmp_path):
+    saved_things()[3][0].save(tmp_path / "run.h5")
+
+    with pytest.raises(ms.errors.ReadError, match=r"metrosep\.load"):
+        ms.read(tmp_path / "run.h5")
+
+
+def test_saved_numbers_that_do_not_fit_are_refused(tmp_path):
+    path = tmp_path / "map.h5"
+    saved_things()[1].save(path)
+    with h5py.File(path, "r+") as handle:
+        for name in ("array_0", "array_1"):
+            if handle[name][1] == 0.0005:  # the positions
+                handle[name][3] = -1.0
+
+    with pytest.raises(ms.errors.CorruptFileError, match="do not fit"):
+        ms.read(path)

@@ -14,18 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import FormatMismatchError
+from metrosep.core.errors import DataError, FormatMismatchError
 from metrosep.core.profile import Profile
+from metrosep.core.public import state_of
 from metrosep.core.recording import Recording
+from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
 from metrosep.io.declared import Match
 from metrosep.io.registry import get, sniffer
-from metrosep.io.source import RawFile
+from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.measurement import columns_as_object, map_as_surface, unit_label, unit_of
 from metrosep.io.text.table import ColumnSpec
 
-__all__ = ["channels", "is_number", "physical_values", "read", "sniff"]
+__all__ = ["channels", "is_number", "physical_values", "read", "saved_object", "sniff"]
 
 FORMAT = "hdf5"
 
@@ -38,6 +40,8 @@ sniff = sniffer(FORMAT)
 def channels(file: RawFile) -> tuple[str, ...]:
     """Return the datasets of numbers with one or two dimensions."""
     with open_hdf5(file) as handle:
+        if _SCHEMA in handle.attributes("/"):
+            return ("height",)
         return tuple(n for n in handle.datasets if _dimensions(handle, n) in (1, 2))
 
 
@@ -53,8 +57,21 @@ def read(
     sampling_rate: float | str | None = None,
     scale: float | str | None = None,
     max_pixels: int | None = None,
-) -> Surface | Profile | Recording:
-    """Return a map, or the columns of one length."""
+) -> Surface | Profile | Recording | RunSet:
+    """Return a map, the columns of one length, or what metrosep saved."""
+    if (saved := saved_object(file)) is not None:
+        title = "an object that metrosep saved, in SI"
+        columns_asked = {"x": x, "z": z, "time": time, "sampling_rate": sampling_rate}
+        refuse_options(
+            file,
+            title,
+            channel=channel,
+            lateral_step=lateral_step,
+            unit=unit,
+            scale=scale,
+            **columns_asked,
+        )
+        return saved
     with open_hdf5(file) as handle:
         if channel is None:
             _refuse_special(file)
@@ -96,6 +113,37 @@ def read(
         sampling_rate=sampling_rate,
         scale=scale,
     )
+
+
+_SCHEMA = "metrosep_schema"
+_KINDS = {kind.__name__: kind for kind in (Surface, Profile, Recording, RunSet)}
+
+
+def saved_object(file: RawFile) -> Surface | Profile | Recording | RunSet | None:
+    """Return the measurement that its method ``save`` wrote, None for a file of others."""
+    with open_hdf5(file) as handle:
+        attributes = handle.attributes("/")
+    if _SCHEMA not in attributes:
+        return None
+    name = str(attributes.get("metrosep_class")).rpartition(":")[2]
+    if name not in _KINDS:
+        raise FormatMismatchError(
+            f"{file.path}: holds an object of metrosep ({name[:40]}), not a measurement; use metrosep.load"
+        )
+    from metrosep.io.containers.native import stored_metadata
+    from metrosep.io.saved import restored
+
+    made = restored(file.data, file.path)
+    if type(made) is not _KINDS[name]:
+        raise file.corrupt("the object is not of the class that the file names", expected=name)
+    schema = str(attributes[_SCHEMA])
+    try:
+        state = dict(state_of(made))
+        state["metadata"] = stored_metadata(file, state["metadata"], FORMAT, {_SCHEMA: schema})
+        state["history"] = (*state["history"], *file.history(FORMAT))
+        return _KINDS[name](**state)  # by the constructor, which checks the numbers
+    except (DataError, KeyError, TypeError, ValueError) as exc:
+        raise file.corrupt(f"the numbers do not fit: {exc}") from None
 
 
 def _as_path(asked: ColumnSpec | None, columns: Container[str]) -> ColumnSpec | None:
@@ -190,6 +238,10 @@ _TIME_NAMES = frozenset({"t", "time"})
 def open_source(file: RawFile, stack: ExitStack) -> Hdf5Source:
     """Return the numeric 1-D datasets of an HDF5 file that are as long as the longest one."""
     handle = stack.enter_context(open_hdf5(file))
+    if _SCHEMA in handle.attributes("/"):
+        raise FormatMismatchError(
+            f"{file.path}: holds an object that metrosep saved, which is not read in parts; use metrosep.read"
+        )
     lengths = {
         name: handle.shape(name)[0]
         for name in handle.datasets

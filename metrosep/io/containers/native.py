@@ -33,7 +33,7 @@ from metrosep.io.own_notes import decode_history, decode_mapping, encode_history
 from metrosep.io.registry import mismatch, sniffer
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 
-__all__ = ["channels", "read", "sniff", "table_bytes"]
+__all__ = ["channels", "read", "sniff", "stored_metadata", "table_bytes"]
 
 
 FORMAT = "metrosep-h5"
@@ -66,11 +66,12 @@ def read(
                 "the kind of object is unknown", field="kind", found=repr(kind[:40])
             )
         try:
-            metadata = _metadata(file, _json(file, handle, "/metadata_json"))
+            stored = _json(file, handle, "/metadata_json")
+            metadata = stored_metadata(file, stored, FORMAT, {"layout_version": LAYOUT_VERSION})
             parameters = {"lateral_step_m": override} if override else {}
             history = (*_history(file, handle), *file.history(FORMAT, parameters))
-            stored = _Stored(file, handle, channel, override, max_pixels)
-            return _READ[kind](stored, metadata, history)
+            opened = _Stored(file, handle, channel, override, max_pixels)
+            return _READ[kind](opened, metadata, history)
         except ReadError:
             raise
         except DataError as exc:
@@ -108,9 +109,11 @@ def _history(file: RawFile, handle: Hdf5File) -> tuple[Step, ...]:
         raise file.corrupt(f"history_json is not a history ({exc})") from None
 
 
-def _metadata(file: RawFile, stored: dict[str, Any]) -> dict[str, Any]:
+def stored_metadata(
+    file: RawFile, stored: Mapping[str, Any], format_id: str, header: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return the stored metadata under the name of this file; what that replaced stays."""
-    own = file.metadata(FORMAT, {"layout_version": LAYOUT_VERSION})
+    own = file.metadata(format_id, header)
     own.pop("warnings")
     replaced = {k: stored[k] for k in own if k in stored}
     return {"warnings": (), **stored, **own, **({"source": replaced} if replaced else {})}
