@@ -38,9 +38,9 @@ if TYPE_CHECKING:
         ProgramCheck as ProgramCheck,
         WrittenProgram as WrittenProgram,
         check_program as check_program,
-        read_program as read_program,
         write_program as write_program,
     )
+    from metrosep.controllers.gcode.turning_reader import read_program as read_program
     from metrosep.controllers.registry import describe as describe, find as find, names as names
 
 __getattr__, __dir__ = lazy_package(__name__)
