@@ -586,3 +586,15 @@ def test_a_marker_counts_in_the_unit_of_the_field_too(put, missing, field):
     assert np.flatnonzero(np.isnan(profile.z)).tolist() == [2, 5]
     assert float(np.nanmin(profile.z)) == 0.0
     assert profile.z[7] == pytest.approx(0.7 * UM, rel=1e-12, abs=1e-18)
+
+
+def test_a_channel_whose_unit_is_not_known_is_not_dropped_in_silence(put):
+    rows = [f"{0.1 * i:.1f};0.{i};{i}.5 N;{'ok' if i % 3 else 'idle'}" for i in range(8)]
+
+    recording = ms.read(put(table("t_s;z_um;force;state", *rows)))
+
+    assert list(recording.channels) == ["z_um"]
+    (warning,) = recording.metadata["warnings"]
+    assert "column 'force' holds texts such as '0.5 N'" in warning
+    plain = put(table("t_s;z_um;force [N]", *(r.partition(" N")[0] for r in rows)))
+    assert ms.read(plain).channels["force [N]"].tolist() == [i + 0.5 for i in range(8)]

@@ -6,7 +6,8 @@ Shared by plain column text and by the text formats that a ``format.toml`` descr
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -151,6 +152,25 @@ def _rows_of(
                 f"({', '.join(different[:4])}); choose one with channel={different[0]!r}"
             )
     return table, channel, shared
+
+
+def _omitted(table: Table) -> Iterator[str]:
+    """Yield a warning for each column of a recording whose numbers bear a unit that is not known."""
+    for c in table.columns:
+        texts = (
+            []
+            if c.name in table.header.get("undecided", ())
+            else sorted(filter(None, c.labels or ()))
+        )
+        numbers = [t for t in texts if _NUMBER_AND_UNIT.fullmatch(t)]
+        if 2 * len(numbers) > len(texts) and numbers[0] != numbers[-1]:
+            yield (
+                f"column {c.name!r} holds texts such as {numbers[0]!r}, not numbers, and is not a channel; write "
+                "the unit into its name to keep it"
+            )
+
+
+_NUMBER_AND_UNIT = re.compile(r"[+\-\u2212]?[\d.,]+(?:[eE][+-]?\d+)?\s*[^\W\d]\D*")
 
 
 def _is_stacked(labels: tuple[str, ...], different: tuple[str, ...]) -> bool:
@@ -399,6 +419,8 @@ class _Made:
             raise self.mismatch("no channel holds a number beside the time; nothing was measured")
         units = {c.name: SI_NAMES.get(c.unit.dimension, "") for c in chosen if c.unit is not None}
         self.used["channels"] = tuple(values)
+        if channel is None:
+            self.table = replace(self.table, warnings=(*self.table.warnings, *_omitted(table)))
         described = self.described()
         if rises:  # else the runs in the table may be what is meant
             self.table = replace(self.table, columns=(), lines=table.lines[:0].copy())
