@@ -115,8 +115,9 @@ def _written(
         return [f"{target.name}: was not cut in a virtual part"]
     check = made.check
     text = (
-        f"{target.name}: the part cut from the file is off by {format_length(check.peak_to_valley)} P-V, of "
-        f"which cusps of the feed {format_length(check.cusp)}; from the program it differs by "
+        f"{target.name}: the part cut from the file is off by {format_length(check.peak_to_valley)} P-V, "
+        f"{format_length(check.form_error)} without the cusps of the feed, up to "
+        f"{format_length(check.cusp)}; from the program it differs by "
         f"{format_length(check.difference)}, digits may cost {format_length(check.rounding)} "
         f"({check.interpolation} between blocks)"
     )

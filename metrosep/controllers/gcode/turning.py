@@ -31,7 +31,12 @@ from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process.cutting.edge_errors import cusp_heights
 from metrosep.process.cutting.programs import TurningProgram
-from metrosep.process.cutting.virtual_part import VirtualPart, touched_radii, virtual_cut
+from metrosep.process.cutting.virtual_part import (
+    VirtualPart,
+    touched_radii,
+    touching_heights,
+    virtual_cut,
+)
 from metrosep.process.nose import RoundNose
 from metrosep.process.tool_settings import ToolSetting
 
@@ -68,6 +73,9 @@ class ProgramCheck:
         Of its error, cusps included.
     cusp : float, m
         Largest height of the cusps of the feed; NaN where the feed does not come out even.
+    form_error : float, m
+        P-V of its error without cusps: at each place, what the same turns would leave if the edge touched
+        the surface all along is taken off, but no more than `cusp`.
     difference : float, m
         Largest difference from the part of the program that was to be written; infinite where one of the
         two cuts a place and the other does not, NaN without such a program.
@@ -84,16 +92,12 @@ class ProgramCheck:
     part: VirtualPart
     peak_to_valley: float
     cusp: float
+    form_error: float
     difference: float
     rounding: float
     interpolation: str
     messages: tuple[str, ...] = ()
     planned: float = math.nan
-
-    @property
-    def form_error(self) -> float:
-        """P-V without the cusps, m."""
-        return self.peak_to_valley - (0.0 if math.isnan(self.cusp) else self.cusp)
 
     @property
     def uncut(self) -> int:
@@ -578,12 +582,18 @@ def check_program(
     x, y = x[defined], y[defined]
     part = virtual_cut(program, nose, x, y, form=form, setting=setting)
     cut = np.isfinite(part.error)
-    cusp = math.nan
+    cusp, left = math.nan, part.error[cut]
     if program.feed > 0.0:
         high_ = cusp_heights(
             form, x[cut], y[cut], nose=nose, feed=program.feed, sense=program.sense
         )
-        cusp = float(np.nanmax(high_)) if np.isfinite(high_).any() else math.nan
+        if np.isfinite(high_).any():
+            cusp = float(np.nanmax(high_))
+            # place by place: a tip that is off where cusps are low is seen, and a hollow that the nose
+            # does not reach is no cusp
+            touching = touching_heights(program, nose, part, form, setting)[cut]
+            cusps = np.minimum(touching - form(x[cut], y[cut]), cusp)
+            left = left - np.where(np.isfinite(cusps), cusps, 0.0)
     difference = planned_pv = math.nan
     if planned is not None:
         wanted = virtual_cut(planned, nose, x, y, form=form, setting=setting)
@@ -601,6 +611,6 @@ def check_program(
         "of corners by the control are not in it"
     )
     return ProgramCheck(
-        part, part.peak_to_valley, cusp, difference, digits, program.interpolation,
+        part, part.peak_to_valley, cusp, float(np.ptp(left)), difference, digits, program.interpolation,
         (*part.messages, said), planned_pv,
     )  # fmt: skip

@@ -223,6 +223,27 @@ def heights_cut(
     return found[0], np.abs(found[3])
 
 
+def touching_heights(
+    program: TurningProgram,
+    nose: RoundNose,
+    part: VirtualPart,
+    form: Form,
+    setting: ToolSetting | None = None,
+) -> FloatArray:
+    """Return what the same course of X and C leaves where the edge always touches the form; NaN if unknown."""
+    sweep = _Sweep(program, Edge.of(nose, program.sense, setting))
+    rho, theta, z = part.rho.ravel(), part.theta.ravel(), np.full(part.z.size, np.nan)
+    cut = np.flatnonzero(np.isfinite(part.z))
+    cut = cut[np.argsort(rho[cut], kind="stable")]
+    # beyond the axis the place has the azimuth of the tip and half a turn
+    azimuth = np.interp(part.t.ravel(), program.t, program.azimuth)
+    side = np.where(np.cos(azimuth - theta) < 0.0, -1.0, 1.0)
+    for first in range(0, cut.size, _BLOCK):
+        at = cut[first : first + _BLOCK]
+        z[at] = sweep.touching(form, rho[at], theta[at], side[at], azimuth[at])
+    return z.reshape(part.z.shape)
+
+
 def _swept(
     sweep: _Sweep, rho: FloatArray, theta: FloatArray, order: NDArray[np.intp]
 ) -> tuple[FloatArray, int]:
@@ -303,6 +324,37 @@ class _Sweep:
             lone[chosen] = ends[lower]
         found[:, lone] = np.nan
         return found, int(lone.sum())
+
+    def touching(
+        self,
+        form: Form,
+        rho: FloatArray,
+        theta: FloatArray,
+        side: FloatArray,
+        azimuth: FloatArray,
+    ) -> FloatArray:
+        """Return the lowest passage of an edge that touches the form, by turns near those at azimuths."""
+        course = self._piece(rho)
+        if course is None:
+            return np.full(rho.size, np.nan)
+        start = np.where(side > 0.0, theta, theta + math.pi)
+        start = start + _TURN * np.rint((azimuth - start) / _TURN)
+
+        def tried(on: NDArray[np.intp], turns: int) -> FloatArray:
+            moment = start[on] + _TURN * turns
+            return self._height(course, rho[on], moment, side[on], _PASSES, form)[0]
+
+        everywhere = np.arange(rho.size)
+        z = tried(everywhere, 0)
+        for way in (1, -1):
+            on, turns = everywhere, 0
+            while on.size:  # two turns on each side, walking on while they are lower
+                turns += way
+                height = tried(on, turns)
+                lower = height < z[on]
+                z[on[lower]] = height[lower]
+                on = on if abs(turns) < _SIDE else on[lower]
+        return np.where(np.isinf(z), np.nan, z)
 
     def _lowest(
         self,
@@ -389,10 +441,14 @@ class _Sweep:
         course: AxisCourse,
         rho: FloatArray,
         turns: FloatArray,
-        side: float,
+        side: float | FloatArray,
         passes: int,
+        form: Form | None = None,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the height at which the edge of a turn passes, its angle, and the tip's azimuth then."""
+        """Return the height at which the edge of a turn passes, its angle, and the tip's azimuth then.
+
+        With a form the tip is where the edge touches it, not where the program has it.
+        """
         edge, azimuth = self._edge, course.values[1]
         if edge.is_flat:
             passes = 1
@@ -412,7 +468,12 @@ class _Sweep:
                 break
         low, high = np.sort(azimuth[[0, -1]])
         cuts = (psi >= edge.low) & (psi <= edge.high) & (at >= low) & (at <= high)
-        height = np.where(cuts, course.value(2, i, s) + edge.point(psi)[2], np.inf)
+        if form is None:
+            stands = course.value(2, i, s)
+        else:
+            stands = np.full(rho.shape, np.nan)
+            stands[cuts] = tips(form, course.value(0, i, s)[cuts], at[cuts], edge, strict=False).z
+        height = np.where(cuts, stands + edge.point(psi)[2], np.inf)
         return height, psi, at
 
     def is_wrong(self, rho: FloatArray, theta: FloatArray, z: FloatArray) -> bool:
