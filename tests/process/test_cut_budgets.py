@@ -211,3 +211,18 @@ def test_program_maps_are_the_interpolation_at_the_contact(rng):
     del close
     tip = tip_path(TORUS, 2e-3, 0.3, nose=nose)
     assert tip.contacts.item() == 1
+
+
+def test_the_axis_of_a_part_may_lie_anywhere_on_its_map():
+    """The same map with another origin: its centre given, or in the middle of a map without one."""
+    nose = RoundNose(R)
+    made = program(SKEW, nose, interpolation="linear", per_turn=60, radius=2.15e-3, core=1.5e-3)
+    there = part(SKEW, made, nose, ToolSetting(dx=2.3 * UM))
+    words = {"nose": nose, "free": ("piston", "tilt_x", "tilt_y", "dx"), "region": (1.6e-3, 2e-3)}
+    wanted = identify_edge(there, SKEW, **words).values["dx"]
+    for origin, centre in (((0.0, 0.0), None), ((1e-3, -5e-3), (3.1e-3, -2.9e-3))):
+        moved = Surface(there.z, dx=there.dx, dy=there.dy, origin=origin)
+        found = identify_edge(moved, SKEW, centre=centre, **words)
+        assert found.values["dx"] == pytest.approx(wanted, abs=1e-11)
+    with pytest.raises(DataError, match="no point in the ring"):
+        identify_edge(moved, SKEW, **words)

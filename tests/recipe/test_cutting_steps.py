@@ -217,6 +217,9 @@ def test_a_program_makes_up_for_a_measured_edge(tmp_path, rises, right):
 
     assert called("predict", tmp_path / "e.toml", "-o", tmp_path / "out") == 0
 
+    _, document = values(tmp_path / "out")
+    assert any("least-squares circle was taken off" in m for m in document["messages"])
+
     words = re.findall(r"X([\d.]+) C([-\d.]+) Z([-\d.]+)", (tmp_path / "out" / "p.nc").read_text())
     X, C, Z = np.array(words, dtype=float).T
     rng = np.random.default_rng(1)
@@ -249,3 +252,127 @@ def test_a_course_without_history_is_refused(capsys):
     assert "depend on what the stage has seen before" in capsys.readouterr().err
     with_history = [*course, "--set", "history=none"]
     assert called("separate", STAGE / "loops.csv", *words, *with_history) == 0
+
+
+def moved(tmp_path, change):
+    """The part of the example with its places changed, and the recipe's change for it."""
+    table = pd.read_csv(CUT / "part.csv")
+    table["x_mm"], table["y_mm"] = change(table["x_mm"], table["y_mm"])
+    table.to_csv(tmp_path / "moved.csv", index=False, float_format="%.3f")
+    return lambda text: text.replace('"part.csv"', '"moved.csv"').replace('log = "log.csv"', "")
+
+
+def test_a_part_whose_map_begins_in_a_corner_needs_its_centre(tmp_path, capsys):
+    part = moved(tmp_path, lambda x, y: (x + 1.5, y + 1.7))
+    text = part((CUT / "budget.toml").read_text())
+    for file in ("part.nc", "edge.csv", "log.csv"):
+        text = text.replace(f'"{file}"', f'"{CUT / file}"')
+    (tmp_path / "b.toml").write_text(text)
+    assert called("predict", tmp_path / "b.toml") in (2, 4)
+    error = capsys.readouterr().err
+    assert "degrees in the ring that the program cuts about the axis, x = 0 m" in error
+
+    given = '"moved.csv"\ncentre = ["1.5 mm", "1.7 mm"]'
+    code, found, document = ran(
+        tmp_path, "budget.toml", lambda t: part(t).replace('"moved.csv"', given)
+    )
+    assert code == 0
+    assert found["left"]["value"] == pytest.approx(1 * NM, abs=0.1 * NM)
+    assert not any("where 1 is all of it" in m for m in document["messages"])
+    # x and y of the centre are not exchanged, and a wrong centre is reported
+    wrong = '"moved.csv"\ncentre = ["1.7 mm", "1.5 mm"]'
+    _, found, document = ran(
+        tmp_path, "budget.toml", lambda t: part(t).replace('"moved.csv"', wrong)
+    )
+    assert found["left"]["value"] > 5 * NM
+    assert any("where 1 is all of it and 0 none" in m for m in document["messages"])
+
+
+@pytest.mark.parametrize(("axis", "way"), [("x", (-1, 1)), ("y", (1, -1))])
+def test_a_mirrored_map_is_named(tmp_path, axis, way):
+    part = moved(tmp_path, lambda x, y: (way[0] * x, way[1] * y))
+    code, found, document = ran(tmp_path, "budget.toml", part)
+    assert code == 0
+    assert found["left"]["value"] > 100 * NM
+    # the mirrors of this form differ by a tilt only, which a map has anyway
+    said = [m for m in document["messages"] if "the map would be off the form by 2" in m]
+    assert f"mirrored in {axis}" in said[0]
+    assert "turned" not in said[0]
+
+
+def test_edge_rises_without_an_edge_is_refused(tmp_path, capsys):
+    text = re.sub(r"(?m)^(edge|log|part) = .*$", "", (CUT / "budget.toml").read_text())
+    (tmp_path / "b.toml").write_text(text.replace('"part.nc"', f'"{CUT / "part.nc"}"'))
+    assert called("predict", tmp_path / "b.toml") in (2, 4)
+    assert "give it, edge" in capsys.readouterr().err
+    (tmp_path / "e.toml").write_text(re.sub(r"(?m)^edge = .*$", "", EDGE).format(rises="inwards"))
+    assert called("predict", tmp_path / "e.toml") in (2, 4)
+    assert "give it, edge" in capsys.readouterr().err
+
+
+def log_of(tmp_path, rows):
+    (tmp_path / "own.csv").write_text("\n".join([*rows, ""]))
+
+    def change(text):
+        text = re.sub(r"(?m)^(edge|edge_rises|part|dx|dR) = .*$", "", text)
+        return text.replace('"log.csv"', '"own.csv"')
+
+    return change
+
+
+def test_a_log_has_its_units_in_the_names_of_its_columns(tmp_path):
+    table = pd.read_csv(CUT / "log.csv")
+    rows = [
+        f"{1e3 * t:.4f},{1e-3 * x + 2e-5:.9f},{np.radians(c):.9f},{1e3 * z:.4f}"
+        for t, x, c, z in table.to_numpy()
+    ]
+    code, found, _ = ran(
+        tmp_path, "budget.toml", log_of(tmp_path, ["t_ms,x_mm,C_rad,Z_nm", *rows])
+    )
+    assert code == 0
+    same = [f"{t:.7f},{x + 0.02:.6f},{c:.6f},{z:.7f}" for t, x, c, z in table.to_numpy()]
+    _, usual, _ = ran(tmp_path, "budget.toml", log_of(tmp_path, ["t_s,X_um,C_deg,Z_um", *same]))
+    value = usual["follow-up.pv"]["value"]
+    assert value > 20 * NM
+    assert found["follow-up.pv"]["value"] == pytest.approx(value, rel=1e-6, abs=0)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (["t_s,X_um,C_deg,Z_um", "1000,0,0,0", "2000,0,0,0"], "the log runs from 1000 s to 2000 s, the program from 0 s to "),
+        (["t_s,X_um,C_deg,Z_um", "-1,0,0,0", "20,0,0,0"], "the log covers 4"),
+        (["t_s,X_um,X_mm,C_deg,Z_um", "-1,0,0,0,0", "99,0,0,0,0"], "X_um and X_mm are the same column"),
+        (["t_s,C_deg,Z_um", "-1,0,0", "99,0,0"], "no X column 'X_um'"),
+    ],
+)  # fmt: skip
+def test_a_log_that_cannot_be_used_is_refused(tmp_path, capsys, rows, said):
+    text = log_of(tmp_path, rows)((CUT / "budget.toml").read_text())
+    (tmp_path / "b.toml").write_text(text.replace('"part.nc"', f'"{CUT / "part.nc"}"'))
+    assert called("predict", tmp_path / "b.toml") in (2, 4)
+    assert said in capsys.readouterr().err
+
+
+LOOPS = ["--method", "hysteresis", "--column", "voltage=voltage_V", "--column", "displacement=displacement_um"]  # fmt: skip
+
+
+@pytest.mark.parametrize("history", ["0,10000,0", "0,11,0", "-0.5", "0,11000 mV,0", "0,ten,0", "nan"])  # fmt: skip
+def test_a_history_beyond_the_loops_is_refused(capsys, history):
+    words = [*LOOPS, "--set", f"course={STAGE / 'course.csv'}", "--set", f"history={history}"]
+    assert called("separate", STAGE / "loops.csv", *words) in (2, 4)
+    error = capsys.readouterr().err
+    assert "the loops go from 0 V to 10 V" in error or "not a number with a unit" in error
+
+
+def test_history_and_course_in_other_units(tmp_path):
+    course = pd.read_csv(STAGE / "course.csv")["displacement_um"]
+    rows = [f"{1e3 * v:.4f}" for v in course]
+    (tmp_path / "nm.csv").write_text("\n".join(["displacement_nm", *rows, ""]))
+    made = []
+    for file, history in ((STAGE / "course.csv", "0,10,0"), (tmp_path / "nm.csv", "0 V,10000 mV,0")):  # fmt: skip
+        words = [*LOOPS, "--set", f"course={file}", "--set", f"history={history}"]
+        out = tmp_path / str(len(made))
+        assert called("separate", STAGE / "loops.csv", *words, "-o", out) == 0
+        found, _ = values(out)
+        made.append(found["mean_curve.left"]["value"])
+    assert made[0] == pytest.approx(made[1], rel=1e-9, abs=0)

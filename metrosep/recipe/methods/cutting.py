@@ -6,7 +6,7 @@ And the hysteresis of the stage that drives a fast tool: identified from loops, 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -145,22 +145,19 @@ class CutBudgeted(Method):
         inside = (rho >= low) & (rho <= high) & np.isfinite(form(x, y))
         x, y = x[inside], y[inside]
         deviation = _deviation(options["log"], axes) if "log" in options else None
-
-        def budget_at(x: Any, y: Any) -> Any:
-            return cut_budget(
-                program, nose, x, y,
-                form=form,
-                actual=actual,
-                setting=ToolSetting(**setting) if setting else None,
-                deviation=deviation,
-            )  # fmt: skip
-
-        budget, shown = budget_at(x, y), None
+        budget = cut_budget(
+            program, nose, x, y,
+            form=form,
+            actual=actual,
+            setting=ToolSetting(**setting) if setting else None,
+            deviation=deviation,
+        )  # fmt: skip
+        shown = None
         if z is not None:
             z = z[inside]
             shown = fit_causes(budget, z - form(x, y), x, y)
             if not shown.is_plausible:
-                said = (*said, *_other_orientation(shown.residual, budget_at, form, x, y, z))
+                said = (*said, *_other_orientation(shown.residual, form, x, y, z))
         return CutBudgetFound(budget, x, y, pixel, shown, said)
 
 
@@ -170,39 +167,26 @@ _ORIENTATIONS = {
     "turned by 180 degrees": (-1.0, -1.0),
 }
 _FAR_LESS = 0.5
-"""Of the RMS that is left: another orientation that leaves less than that is named."""
+"""Of the RMS that is left: another orientation that is nearer to the form than that is named."""
 
 
-def _other_orientation(
-    left: float, budget_at: Callable[[Any, Any], Any], form: Any, x: Any, y: Any, z: Any
-) -> tuple[str, ...]:
-    """Return what to say where the map explains far more if it is mirrored or turned."""
-    from metrosep.process.cutting.budgets import fit_causes
-
-    def bare(error: Any) -> float:
-        plane = np.column_stack([np.ones(x.size), x, y])
-        return float(np.std(error - plane @ np.linalg.lstsq(plane, error, rcond=None)[0]))
-
-    best, words = left, ""
-    limit = max(left, bare(z - form(x, y)))
-    for name, (a, b) in _ORIENTATIONS.items():
+def _other_orientation(left: float, form: Any, x: Any, y: Any, z: Any) -> tuple[str, ...]:
+    """Return what to say where a mirrored or turned map is nearer to the form than causes explain."""
+    plane = np.column_stack([np.ones(x.size), x, y])
+    off = {}
+    for words, (a, b) in _ORIENTATIONS.items():
         error = z - form(a * x, b * y)
-        if not np.isfinite(error).all():
-            continue
-        rms = bare(error)
-        if rms > limit:
-            continue  # not even the form is that of the part
-        try:
-            rms = fit_causes(budget_at(a * x, b * y), error, a * x, b * y).residual
-        except DataError:
-            continue
-        if rms < min(best, _FAR_LESS * left):
-            best, words = rms, name
-    if not words:
+        if np.isfinite(error).all():
+            error = error - plane @ np.linalg.lstsq(plane, error, rcond=None)[0]
+            off[words] = float(np.sqrt(np.mean(error**2)))
+    best = min(off.values(), default=left)
+    if best > _FAR_LESS * left:
         return ()
+    # two of them that differ by a tilt only are equally good
+    ways = " or ".join(w for w, v in off.items() if _FAR_LESS * v <= best)
     text = (
-        f"{words}, the map would leave {format_length(best)} RMS instead of {format_length(left)}: look at the "
-        "orientation in which it was measured or exported"
+        f"{ways}, the map would be off the form by {format_length(best)} RMS, and as it is the causes leave "
+        f"{format_length(left)}: look at the orientation in which it was measured or exported"
     )
     return (text,)
 
