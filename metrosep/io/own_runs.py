@@ -71,8 +71,11 @@ def own_runs(file: RawFile, table: Table) -> RunSet | None:
     for name in order:
         rows = names == name
         own_x, own_z, t, feed = (None if c is None else c[rows] for c in columns)
-        stated = np.zeros(1) if feed is None else np.nan_to_num(feed, nan=-1.0)
-        other = np.flatnonzero(stated != stated[0])
+        other = (
+            np.empty(0, dtype=np.intp)
+            if feed is None
+            else np.flatnonzero(np.nan_to_num(feed, nan=-1.0) != np.nan_to_num(feed[0], nan=-1.0))
+        )
         if other.size:
             raise file.corrupt(
                 f"the feed changes within run {name!r}",
