@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from metrosep.controllers import LatheAxes, write_program
+from metrosep.controllers import LatheAxes, check_program, write_program
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError, TooFewSamplesError
 from metrosep.forms import Expression, SineGrid, Sphere, Toric
 from metrosep.process import (
@@ -453,3 +453,16 @@ def test_what_a_file_is_off_without_cusps_is_what_its_blocks_leave(tmp_path, for
         write_program(program, tmp_path / "q.nc", axes, tolerance=0.9 * off, **words)
     assert not (tmp_path / "q.nc").exists()
     write_program(program, tmp_path / "q.nc", axes, tolerance=1.06 * off, **words)
+
+
+def test_what_a_nose_leaves_of_a_hollow_is_no_cusp():
+    """A groove of 200 nm with a radius of 45 um at its bottom, below a nose of 0.3 mm that rides over it."""
+    groove = Expression("5*x**2+5*y**2-2e-7*exp(-(sqrt(x**2+y**2)-2e-4)**2/(2*(3e-6)**2))")
+    u = np.arange(0.0, 32 * np.pi, np.radians(1.0))
+    X = 0.26e-3 - 8e-6 * u / (2 * np.pi)
+    program = TurningProgram(X, -u, tip_by_hand(groove, X, -u), u / (2 * np.pi), "tip", "linear")
+
+    found = check_program(program, RoundNose(SMALL), groove)
+
+    assert found.form_error > 150 * NM
+    assert any("does not fit the surface" in m for m in found.messages)

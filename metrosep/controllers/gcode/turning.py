@@ -38,6 +38,7 @@ from metrosep.process.cutting.virtual_part import (
     virtual_cut,
 )
 from metrosep.process.nose import RoundNose
+from metrosep.process.nose_checks import gouge_check
 from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["ProgramCheck", "WrittenProgram", "check_program", "write_program"]
@@ -54,6 +55,10 @@ _PLACES, _SEED = 20_000, 2020
 _WHOLE_MS = 1e-9
 _MARGIN = 0.02
 """Turns: by that the lean of the edge and rounding move the deciding moment."""
+_GEOMETRY = (
+    "the virtual part is geometry: burr, elastic recovery, edge radius, wear, vibration and blending "
+    "of corners by the control are not in it"
+)
 _ROWS = 50_000
 _LONGEST = 200
 """Characters of a comment; some controls take 256 in a block."""
@@ -75,7 +80,7 @@ class ProgramCheck:
         Largest height of the cusps of the feed; NaN where the feed does not come out even.
     form_error : float, m
         P-V of its error without cusps: at each place, what the same turns would leave if the edge touched
-        the surface all along is taken off, but no more than `cusp`.
+        the surface all along is taken off, no more than `cusp`; nothing where the nose does not fit.
     difference : float, m
         Largest difference from the part of the program that was to be written; infinite where one of the
         two cuts a place and the other does not, NaN without such a program.
@@ -582,6 +587,7 @@ def check_program(
     x, y = x[defined], y[defined]
     part = virtual_cut(program, nose, x, y, form=form, setting=setting)
     cut = np.isfinite(part.error)
+    said = [_GEOMETRY]
     cusp, left = math.nan, part.error[cut]
     if program.feed > 0.0:
         high_ = cusp_heights(
@@ -589,11 +595,16 @@ def check_program(
         )
         if np.isfinite(high_).any():
             cusp = float(np.nanmax(high_))
-            # place by place: a tip that is off where cusps are low is seen, and a hollow that the nose
-            # does not reach is no cusp
-            touching = touching_heights(program, nose, part, form, setting)[cut]
-            cusps = np.minimum(touching - form(x[cut], y[cut]), cusp)
-            left = left - np.where(np.isfinite(cusps), cusps, 0.0)
+            # place by place: a tip that is off where cusps are low is seen; no more than the feed leaves
+            if gouge_check(form, nose, region=(low, high)).ok:
+                touching = touching_heights(program, nose, part, form, setting)[cut]
+                cusps = np.minimum(touching - form(x[cut], y[cut]), cusp)
+                left = left - np.where(np.isfinite(cusps), cusps, 0.0)
+            else:
+                said.append(
+                    "the nose does not fit the surface everywhere: what it leaves there is no cusp, and no cusps "
+                    "were taken off"
+                )
     difference = planned_pv = math.nan
     if planned is not None:
         wanted = virtual_cut(planned, nose, x, y, form=form, setting=setting)
@@ -606,11 +617,7 @@ def check_program(
         difference = float(judged.max(initial=0.0))
         planned_pv = wanted.peak_to_valley
     digits = 0.0 if axes is None else rounding_error(axes, form, high)
-    said = (
-        "the virtual part is geometry: burr, elastic recovery, edge radius, wear, vibration and blending "
-        "of corners by the control are not in it"
-    )
     return ProgramCheck(
         part, part.peak_to_valley, cusp, float(np.ptp(left)), difference, digits, program.interpolation,
-        (*part.messages, said), planned_pv,
+        (*part.messages, *said), planned_pv,
     )  # fmt: skip
