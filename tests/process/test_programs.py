@@ -414,10 +414,10 @@ def test_the_fewest_points_hold_their_tolerance_on_the_part_cut_from_the_bytes(
     assert 0.7 * tolerance < np.ptp(left) <= tolerance
 
 
-WAVES = Expression("5*x**2+8*y**2+4e-7*sin(2*pi*y/1.5e-4)")
+RIPPLES = Expression("5*x**2+8*y**2+4e-7*sin(2*pi*y/1.5e-4)")
 
 
-@pytest.mark.parametrize(("form", "degrees"), [(WAVES, 0.5), (BUMP, 0.5)], ids=["waves", "bump"])
+@pytest.mark.parametrize(("form", "degrees"), [(RIPPLES, 0.5), (BUMP, 0.5)], ids=["waves", "bump"])
 def test_what_a_file_is_off_without_cusps_is_what_its_blocks_leave(tmp_path, form, degrees):
     """Cusps of 34 and 42 nm hide chords of 19 nm where the largest cusp is taken off the P-V.
 
