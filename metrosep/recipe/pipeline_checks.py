@@ -614,7 +614,7 @@ PARAMETERS: Mapping[str, Option] = {
     "edition": Option(
         "text",
         choices=("ISO 21920-2:2021", "ISO 4287:1997", "ASME B46.1", *AREAL_EDITIONS),
-        help="whose definitions; of a profile ISO 21920-2:2021, of a map ISO 25178-2:2021 if left out",
+        help="whose definitions; of a profile ISO 21920-2:2021, of a map ISO 25178-2:2021 if omitted",
     ),
     "intermediate": INTERMEDIATE,
     "sections": Option(

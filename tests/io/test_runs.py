@@ -372,4 +372,4 @@ def test_a_row_that_became_a_comment_is_reported_by_its_line(tmp_path, row):
     assert len(profile) == 11
     (warning,) = profile.metadata["warnings"]
     assert f"line {3 + row}" in warning
-    assert "left out as comments" in warning
+    assert "omitted as comments" in warning

@@ -87,13 +87,13 @@ _IN_DOUBT = {
 _SPOILED = """
 ng nok nio not no bad wrong error errors err fail failed failure fault faulty outlier outliers reject
 rejected invalid void ignore ignored discard discarded delete deleted exclude excluded skip skipped drop
-dropped spike glitch artefact artifact suspect doubtful damaged broken scrap repeat repeated redo scaled
+dropped spike glitch artefact artifact suspect damaged broken scrap repeat repeated redo scaled
 times double doubled half fehler fehlerhaft falsch ungültig ungueltig ausreisser ausschuss schlecht defekt
 verworfen gestört nicht kein keine mal faux fausse erreur mauvais mauvaise invalide aberrant aberrante rejet
 rejeté rebut pas errore errato sbagliato scarto scartato non malo mala erróneo erroneo inválido rechazado
 atípico fallo descartado fout ongeldig fel ogiltig błąd chyba
 """
-_SPOILS = frozenset(_SPOILED.split())
+_SPOILS = frozenset((*_SPOILED.split(), "doubtful"))
 """Words that call a row bad, or its numbers others than they are."""
 _SPOILS_WITHIN = re.compile(
     "無効|不良|異常|外れ|除外|エラー|无效|"
@@ -284,7 +284,7 @@ class Body:
             kept = (
                 "were read as rows whose first field is a name; leave them out with skip_lines= if they are not"
                 if self._labels[0]
-                else "were left out as comments; if they were measured, remove the mark"
+                else "were omitted as comments; if they were measured, remove the mark"
             )
             found.append(
                 f"{len(self._like_rows)} line(s) (first: line {self._like_rows[0]}) begin with the mark of a "
