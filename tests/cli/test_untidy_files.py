@@ -430,12 +430,16 @@ case(
     "remark-words.csv", ("x_mm;z_um\n" + ROWS.replace(",", ";")).format(";wind, door"), x=XS, z=ZS
 )
 case(
-    "remark-tab.txt", ("x_mm\tz_um\n" + ROWS.replace(",", "\t")).format("\ton 2 legs"), x=XS, z=ZS
+    "remark-tab.txt",
+    ("x_mm\tz_um\n" + ROWS.replace(",", "\t")).format("\ton both legs"),
+    x=XS,
+    z=ZS,
 )
 case(
     "remark-blank.txt", ("x_mm z_um\n" + ROWS.replace(",", " ")).format(" seen again"), x=XS, z=ZS
 )
 case("remark-long.csv", "x_mm,z_um\n" + ROWS.format(",,, again"), x=XS, z=ZS)
+case("remark-digit.csv", "x_mm,z_um\n" + ROWS.format(",on 2 legs"), error="line 3.*skip_lines=3")
 case("third-number.csv", "x_mm,z_um\n" + ROWS.format(",7"), error="line 3.*skip_lines=3")
 case("third-unit.csv", "x_mm,z_um\n" + ROWS.format(",nm"), error="line 3.*skip_lines=3")
 case("third-bad.csv", "x_mm,z_um\n" + ROWS.format(",bad"), error="line 3.*skip_lines=3")

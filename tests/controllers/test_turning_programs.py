@@ -454,3 +454,18 @@ def test_blocks_too_slow_for_inverse_time_of_linuxcnc_are_named(tmp_path):
     assert message in json.loads(slow.sidecar.read_text())["messages"]
     other = write_program(program, tmp_path / "b.nc", LatheAxes("workpiece ccw", inverse_time="s"), **words)  # fmt: skip
     assert not [m for m in other.messages if "LinuxCNC" in m]
+
+
+@pytest.mark.parametrize("sense", ["clockwise", "counterclockwise"])
+def test_a_ring_of_four_turns_is_judged_in_both_senses(tmp_path, sense):
+    """No other turn lies beside the first and the last one."""
+    form = Expression("0.4*x**2-0.25*y**2+0.15*x*y+2e-4*x")
+    nose = RoundNose(0.6e-3)
+    job = TurningJob(form, 1.2e-3, 10e-6, rpm=60, core=1.16e-3, sense=sense, nose=nose)
+    program = job.program(job.path(step=math.pi / 60, interpolation="linear"))
+
+    made = write_program(
+        program, tmp_path / "p.ngc", LatheAxes("workpiece ccw", "+X", 0.3, feed="G94"), nose=nose, form=form
+    )
+
+    assert 0.0 < made.check.form_error < made.check.part.peak_to_valley

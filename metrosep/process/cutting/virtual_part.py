@@ -472,6 +472,8 @@ class _Sweep:
             stands = course.value(2, i, s)
         else:
             stands = np.full(rho.shape, np.nan)
+            if not cuts.any():
+                return np.full(rho.shape, np.inf), psi, at
             stands[cuts] = tips(form, course.value(0, i, s)[cuts], at[cuts], edge, strict=False).z
         height = np.where(cuts, stands + edge.point(psi)[2], np.inf)
         return height, psi, at
