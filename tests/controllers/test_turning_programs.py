@@ -465,7 +465,11 @@ def test_a_ring_of_four_turns_is_judged_in_both_senses(tmp_path, sense):
     program = job.program(job.path(step=math.pi / 60, interpolation="linear"))
 
     made = write_program(
-        program, tmp_path / "p.ngc", LatheAxes("workpiece ccw", "+X", 0.3, feed="G94"), nose=nose, form=form
+        program,
+        tmp_path / "p.ngc",
+        LatheAxes("workpiece ccw", "+X", 0.3, feed="G94"),
+        nose=nose,
+        form=form,
     )
 
     assert 0.0 < made.check.form_error < made.check.part.peak_to_valley
