@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import PurePosixPath
 
-from metrosep.core.errors import CorruptFileError, MetrosepError, UnsupportedFeatureError
+from metrosep.core.errors import CorruptFileError, ReadError, UnsupportedFeatureError
 from metrosep.io.source import RawFile
 
 __all__ = ["LOCAL_HEADER", "Archive", "xml_of", "zip_members"]
@@ -139,7 +139,7 @@ def xml_of(archive: Archive, member: str) -> Iterator[None]:
 
     try:
         yield
-    except MetrosepError:
+    except ReadError:
         raise  # some are a ValueError too
     except (ParseError, ExpatError) as exc:
         raise archive.corrupt(f"is not well-formed ({exc})", member) from None

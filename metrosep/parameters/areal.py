@@ -194,7 +194,7 @@ def areal_parameters(
     pruning = real(pruning, "pruning", what="a share of Sz")
     if not 0.0 <= pruning < 1.0:
         raise DataError(f"pruning is a share of Sz from 0 to below 1, got {pruning}")
-    work = _Work(surface, line, pruning, curvature_window // 2, edition)
+    work = _Work(surface, line, pruning, curvature_window // 2)
     n_valid = work.heights.n_valid
     quantities, unavailable = evaluated(rows, work)
     given = {row.symbol.partition("(")[0] for row in rows}
@@ -253,7 +253,6 @@ class _Work:
     line: CoreLine
     pruning: float
     reach: int = 1  # of the window of peak curvatures
-    edition: ArealEdition = EDITION
     _hills: dict[tuple[float, float], Hills] = field(default_factory=dict)
 
     @cached_property

@@ -52,9 +52,9 @@ def current_symbol(name: str) -> str:
     >>> current_symbol("Smr1"), current_symbol("Smrk1"), current_symbol("a name")
     ('Smrk1', 'Smrk1', 'a name')
     """
-    from metrosep.parameters.areal import _ALIASES
+    from metrosep.parameters.areal import EDITION, _named
 
-    return next((new for new, old in _ALIASES.items() if old == name), name)
+    return _named(name, EDITION, name)
 
 
 def same_parameter(one: str, other: str) -> bool:

@@ -16,7 +16,6 @@ from metrosep._version import __version__
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
-    MetrosepError,
     ReadError,
     UnsupportedFeatureError,
     WriteError,
@@ -92,19 +91,17 @@ def _kind(file: RawFile, handle: Hdf5File) -> str:
 
 
 def _json(file: RawFile, handle: Hdf5File, name: str) -> dict[str, Any]:
+    content = handle.read(name).tobytes()
     try:
-        return decode_mapping(handle.read(name).tobytes())
-    except MetrosepError:
-        raise
+        return decode_mapping(content)
     except (ValueError, RecursionError) as exc:
         raise file.corrupt(f"{name} is not JSON ({exc})") from None
 
 
 def _history(file: RawFile, handle: Hdf5File) -> tuple[Step, ...]:
+    content = handle.read("/history_json").tobytes()
     try:
-        return decode_history(handle.read("/history_json").tobytes())
-    except MetrosepError:
-        raise
+        return decode_history(content)
     except (ValueError, KeyError, TypeError, RecursionError) as exc:
         raise file.corrupt(f"history_json is not a history ({exc})") from None
 

@@ -18,7 +18,6 @@ from metrosep.core.inputs import RoleColumns
 from metrosep.core.methods import Method
 from metrosep.core.options import Option, options_of
 from metrosep.core.recording import Recording
-from metrosep.core.surface import Surface
 from metrosep.core.units import (
     Unit,
     format_length,
@@ -35,6 +34,7 @@ from metrosep.recipe.methods.ops_process import (
     centre_of,
     columns_in_units,
     edge_of_file,
+    map_of_part,
 )
 
 __all__ = ["CutBudgetFound", "HysteresisFound"]
@@ -135,7 +135,9 @@ class CutBudgeted(Method):
         low, high = touched_radii(program, nose, form)
         pixel, z, centre = 0.0, None, centre_of(options)
         if "part" in options:
-            x, y, z, notes = drawn_points(_map_of(options["part"]), (low, high), 1500, 0, centre)
+            x, y, z, notes = drawn_points(
+                map_of_part(options["part"]), (low, high), 1500, 0, centre
+            )
             said = (*said, *notes)
         else:
             pixel = 2.0 * high / (_PIXELS - 1)
@@ -189,16 +191,6 @@ def _other_orientation(left: float, form: Any, x: Any, y: Any, z: Any) -> tuple[
         f"{format_length(left)}: look at the orientation in which it was measured or exported"
     )
     return (text,)
-
-
-def _map_of(path: str) -> Surface:
-    """Return the map of a file."""
-    from metrosep.io.read import read
-
-    measured = read(path)
-    if not isinstance(measured, Surface):
-        raise DataError(f"part: {path} holds a {type(measured).__name__}, a map is needed")
-    return measured
 
 
 def _deviation(path: str, axes: LatheAxes) -> Any:

@@ -465,18 +465,25 @@ def _clears(job: Any, rest: Mapping[str, Any]) -> None:
         clearance_check(job.form, job.nose, travel=way, region=(job.core, job.radius)).require()
 
 
+def map_of_part(path: str) -> Surface:
+    """Return the map of a measured part."""
+    from metrosep.io.read import read
+
+    measured = read(path)
+    if not isinstance(measured, Surface):
+        raise DataError(f"part: {path} holds a {type(measured).__name__}, a map is needed")
+    return measured
+
+
 def _told_by_part(
     job: Any, rest: Mapping[str, Any], tool: Any
 ) -> tuple[Any, Any, tuple[str, ...]]:
     """Return the job with the tool that a measured part tells of, its setting, and what was found."""
-    from metrosep.io.read import read
     from metrosep.process import identify_edge
 
     if tool is not None:
         raise DataError("part tells the setting of the tool: leave dx, dy and dR out, or part")
-    measured = read(rest["part"])
-    if not isinstance(measured, Surface):
-        raise DataError(f"part: {rest['part']} holds a {type(measured).__name__}, a map is needed")
+    measured = map_of_part(rest["part"])
     free = tuple(rest.get("part_free", ("dx", "dy", "dR")))
     fit = identify_edge(
         measured,
