@@ -2,12 +2,15 @@
 
 import gc
 import importlib.util
+import io
 import math
 import os
 import pickle
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
+from subprocess import CompletedProcess
 from typing import Any
 
 import numpy as np
@@ -67,6 +70,25 @@ def separations_once(_once: Once, monkeypatch: pytest.MonkeyPatch) -> None:
     from metrosep.separation.runs import entry
 
     monkeypatch.setattr(entry, "separate_runs", _once)
+
+
+@pytest.fixture
+def command_line(monkeypatch: pytest.MonkeyPatch) -> Callable[..., CompletedProcess[str]]:
+    """Run a command of metrosep in a folder, in this process: exit code and what it printed."""
+    from metrosep.cli.main import main
+
+    def run(folder: Path, *words: object) -> CompletedProcess[str]:
+        out, err = io.StringIO(), io.StringIO()
+        code: Any = 0
+        with monkeypatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+            patch.chdir(folder)
+            try:
+                code = main([str(word) for word in words])
+            except SystemExit as end:
+                code = end.code
+        return CompletedProcess(words, int(code or 0), out.getvalue(), err.getvalue())
+
+    return run
 
 
 @pytest.fixture

@@ -1,8 +1,6 @@
 """Tables ``[[section]]`` of a recipe: their numbers, what a check makes of them, and wrong input."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -103,18 +101,19 @@ def test_the_numbers_of_all_kinds(folder):
 CHECK = '[[check]]\nmetric = "{}"\nupper = "{}"\nU = "1 nm"\n'
 
 
-def run(folder, text, command):
-    (folder / "r.toml").write_text(text)
-    return subprocess.run(
-        [sys.executable, "-m", "metrosep", *command],
-        cwd=folder, capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
+@pytest.fixture
+def run(command_line, folder):
+    def of(text, command):
+        (folder / "r.toml").write_text(text)
+        return command_line(folder, *command)
+
+    return of
 
 
 @pytest.mark.parametrize(("upper", "code"), [("500 nm", 0), ("400 nm", 1)])
-def test_a_check_judges_a_section_from_the_command_line(folder, upper, code):
+def test_a_check_judges_a_section_from_the_command_line(folder, run, upper, code):
     text = HEAD + SECTIONS + CHECK.format("section.across.Pt", upper)
-    done = run(folder, text, ["run", "r.toml", "part.x3p", "-o", "out"])
+    done = run(text, ["run", "r.toml", "part.x3p", "-o", "out"])
     assert done.returncode == code, done.stderr
     document = json.loads((folder / "out" / "result.json").read_text())
     named = [s["name"] for s in document["separation"]["sections"]]
@@ -129,8 +128,8 @@ def test_a_check_judges_a_section_from_the_command_line(folder, upper, code):
         ("section.corner.angle", "1 um", "is a length"),
     ],
 )
-def test_check_refuses_what_no_section_makes(folder, metric, upper, said):
-    done = run(folder, HEAD + SECTIONS + CHECK.format(metric, upper), ["check", "r.toml"])
+def test_check_refuses_what_no_section_makes(run, metric, upper, said):
+    done = run(HEAD + SECTIONS + CHECK.format(metric, upper), ["check", "r.toml"])
     assert done.returncode == 2
     assert said in done.stdout + done.stderr
 
@@ -188,10 +187,10 @@ def test_a_section_beside_the_map_is_an_error_and_one_partly_on_it_says_the_shar
 
 @pytest.mark.parametrize("upper", ["1 mm", "1 nm"])
 @pytest.mark.parametrize("metric", ["Pt", "Pq"])
-def test_no_check_of_a_section_that_was_measured_in_part_is_decided(folder, metric, upper):
+def test_no_check_of_a_section_that_was_measured_in_part_is_decided(folder, run, metric, upper):
     mostly_beside = LINE.format("s", "1.9 mm, 1 mm", "9 mm, 1 mm")
     text = HEAD + mostly_beside + CHECK.format(f"section.s.{metric}", upper)
-    done = run(folder, text, ["run", "r.toml", "part.x3p", "-o", "out"])
+    done = run(text, ["run", "r.toml", "part.x3p", "-o", "out"])
     assert done.returncode == 3, done.stderr
     document = json.loads((folder / "out" / "result.json").read_text())
     (entry,) = [e for e in document["characteristics"] if e["verdict"] is not None]
@@ -212,11 +211,11 @@ def test_one_gap_makes_a_circle_inconclusive_and_no_other_section(folder):
     assert "reason" not in found["section.across.Pt"]
 
 
-def test_a_gap_in_a_circle_with_harmonics_is_of_the_data(folder):
+def test_a_gap_in_a_circle_with_harmonics_is_of_the_data(folder, run):
     z = heights()
     z[80, 160] = np.nan
     ms.write(ms.Surface(z, STEP, STEP), folder / "part.x3p")
-    done = run(folder, HEAD + SECTIONS, ["run", "r.toml", "part.x3p", "-o", "out"])
+    done = run(HEAD + SECTIONS, ["run", "r.toml", "part.x3p", "-o", "out"])
     assert done.returncode == 4, done.stderr
     assert "r.toml:15: the circle has gaps" in done.stderr
 

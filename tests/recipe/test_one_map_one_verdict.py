@@ -1,8 +1,5 @@
 """A recipe judges the surface that it shows, and checks only what one of its steps makes."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -44,12 +41,13 @@ def folder(tmp_path):
     return tmp_path
 
 
-def check(folder, text, command=("check", "r.toml")):
-    (folder / "r.toml").write_text(text)
-    return subprocess.run(
-        [sys.executable, "-m", "metrosep", *command],
-        cwd=folder, capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
+@pytest.fixture
+def check(command_line, folder):
+    def run(text, command=("check", "r.toml")):
+        (folder / "r.toml").write_text(text)
+        return command_line(folder, *command)
+
+    return run
 
 
 def text_of(last="parameters", *, names="Sa", metric="Sa", more=""):
@@ -61,8 +59,10 @@ def text_of(last="parameters", *, names="Sa", metric="Sa", more=""):
 @pytest.mark.parametrize(
     "command", [("check", "r.toml"), ("run", "r.toml", "part.x3p", "-o", "o")]
 )
-def test_a_step_that_changes_the_map_behind_its_evaluation_is_refused(folder, last, command):
-    done = check(folder, text_of(last), command)
+def test_a_step_that_changes_the_map_behind_its_evaluation_is_refused(
+    folder, check, last, command
+):
+    done = check(text_of(last), command)
 
     assert done.returncode == 2
     assert "r.toml:8" in done.stderr + done.stdout  # the evaluation
@@ -71,10 +71,10 @@ def test_a_step_that_changes_the_map_behind_its_evaluation_is_refused(folder, la
 
 
 @pytest.mark.parametrize("last", ["filter", "mask", "outliers", "form"])
-def test_an_evaluation_that_says_it_is_intermediate_is_carried_out_and_named(folder, last):
+def test_an_evaluation_that_says_it_is_intermediate_is_carried_out_and_named(folder, check, last):
     text = text_of(last, more="intermediate = true\n")
 
-    assert check(folder, text).returncode == 0
+    assert check(text).returncode == 0
     (folder / "r.toml").write_text(text)
     result = ms.Recipe.load(folder / "r.toml").run(folder / "part.x3p")
     assert any("intermediate" in m and "Sa" in m for m in result.document["messages"])
@@ -88,15 +88,15 @@ EVALUATIONS = {
 
 
 @pytest.mark.parametrize("op", EVALUATIONS)
-def test_each_evaluation_comes_last_or_says_that_it_is_intermediate(folder, op):
+def test_each_evaluation_comes_last_or_says_that_it_is_intermediate(folder, check, op):
     keys, metrics = EVALUATIONS[op]
     head = f'metrosep = 1\n[input]\nfiles = ["part.x3p"]\n[[step]]\nop = "{op}"\n{keys}\n'
     last = '[[step]]\nop = "filter"\nlambda_c = "20 um"\n'
 
-    assert check(folder, head).returncode == 0
-    behind = check(folder, head + '[[step]]\nop = "parameters"\nnames = ["Sa"]\n')
+    assert check(head).returncode == 0
+    behind = check(head + '[[step]]\nop = "parameters"\nnames = ["Sa"]\n')
     assert behind.returncode == 0  # a second evaluation changes nothing
-    refused = check(folder, head + last)
+    refused = check(head + last)
     assert refused.returncode == 2
     assert "r.toml:5" in refused.stderr + refused.stdout
     (folder / "r.toml").write_text(head + "intermediate = true\n" + last)
@@ -104,14 +104,14 @@ def test_each_evaluation_comes_last_or_says_that_it_is_intermediate(folder, op):
     assert any(f"intermediate: {metrics} are of" in m for m in done.document["messages"])
 
 
-def test_several_evaluations_of_one_map_need_no_word(folder):
-    assert check(folder, text_of("parameters")).returncode == 0
+def test_several_evaluations_of_one_map_need_no_word(check):
+    assert check(text_of("parameters")).returncode == 0
 
 
-def test_a_later_step_that_is_switched_off_changes_nothing(folder):
+def test_a_later_step_that_is_switched_off_changes_nothing(check):
     text = text_of("filter").replace('op = "filter"', 'op = "filter"\nenabled = false')
 
-    assert check(folder, text).returncode == 0
+    assert check(text).returncode == 0
 
 
 @pytest.mark.parametrize(
@@ -126,8 +126,8 @@ def test_a_later_step_that_is_switched_off_changes_nothing(folder):
         ("all", "FLTt", "made by no step"),
     ],
 )
-def test_check_refuses_a_metric_that_no_step_makes(folder, names, metric, said):
-    done = check(folder, text_of(names=names, metric=metric))
+def test_check_refuses_a_metric_that_no_step_makes(check, names, metric, said):
+    done = check(text_of(names=names, metric=metric))
 
     assert done.returncode == 2
     assert "r.toml:14" in done.stderr + done.stdout

@@ -1,5 +1,6 @@
 """One door: `separate` with the name of a method makes what the function and the recipe make."""
 
+import pickle
 import tomllib
 from pathlib import Path
 
@@ -32,19 +33,13 @@ ANGLE = 2.0 * np.pi * np.arange(128) / 128
 X = np.linspace(0.0, 0.3, 31)
 
 
-LONG = ("cut_path/torus.toml", "cut_path/asphere.toml", "cut_path/again.toml")
-"""They cut a virtual part of a million places twice; toric.toml and grid.toml have the same options."""
-
-
 def recipes():
     """Give the recipes of the examples whose one step is a method."""
     for file in sorted(EXAMPLES.glob("*/*.toml")):
         recipe = tomllib.loads(file.read_text("utf-8"))
         steps = recipe.get("step")
         if isinstance(steps, list) and len(steps) == 1 and steps[0].get("op") in METHODS:
-            name = f"{file.parent.name}/{file.name}"
-            marks = [pytest.mark.slow] if name in LONG else []
-            yield pytest.param(file, id=f"{steps[0]['op']} {name}", marks=marks)
+            yield pytest.param(file, id=f"{steps[0]['op']} {file.parent.name}/{file.name}")
 
 
 def equal(found, wanted):
@@ -57,24 +52,44 @@ def equal(found, wanted):
     assert found.messages == wanted.messages
 
 
+def plain(value, folder):
+    """Return an option with tuples for lists and files by their whole name."""
+    if isinstance(value, dict):
+        return {k: plain(v, folder) for k, v in value.items() if v is not None}
+    if isinstance(value, list | tuple):
+        return tuple(plain(v, folder) for v in value)
+    if isinstance(value, str | Path) and (folder / value).is_file():
+        return str(folder / value)
+    return value
+
+
+class Reached(Exception):
+    """What came to the method: its data and its options."""
+
+
 @pytest.mark.parametrize("file", [*recipes()])
 def test_the_options_of_a_recipe_do_the_same_in_python(file, monkeypatch):
+    """The method gets the same from both doors; what it makes of that is for its own tests."""
     monkeypatch.chdir(file.parent)
     step = dict(tomllib.loads(file.read_text("utf-8"))["step"][0])
     method = METHODS[step.pop("op")]
     recipe = ms.Recipe.load(file)
-    wanted = recipe.run().produced
     files = [f for name in recipe.input.get("files", ()) for f in sorted(file.parent.glob(name))]
     reading = {k: v for k, v in recipe.input.items() if k != "files"}
     data = None if method.reads == "nothing" else load_inputs(method, files, reading)
 
+    def reached(data, options):
+        raise Reached(pickle.dumps(data), plain(dict(options), file.parent))
+
+    monkeypatch.setattr(method, "from_inputs", reached)
+    with pytest.raises(Reached) as wanted:
+        recipe.run()
     if "method" in step:
         step["method_"] = step.pop("method")
-    found = separate(data, method=method.name, **step)
+    with pytest.raises(Reached) as found:
+        separate(data, method=method.name, **step)
 
-    assert type(found) is type(wanted)
-    if hasattr(wanted, "parts") and hasattr(wanted, "null_space"):
-        equal(found, wanted)
+    assert found.value.args == wanted.value.args
 
 
 def readings(*shape):
