@@ -63,7 +63,7 @@ def plain(value, folder):
     return value
 
 
-class Reached(Exception):
+class ReachedError(Exception):
     """What came to the method: its data and its options."""
 
 
@@ -79,14 +79,14 @@ def test_the_options_of_a_recipe_do_the_same_in_python(file, monkeypatch):
     data = None if method.reads == "nothing" else load_inputs(method, files, reading)
 
     def reached(data, options):
-        raise Reached(pickle.dumps(data), plain(dict(options), file.parent))
+        raise ReachedError(pickle.dumps(data), plain(dict(options), file.parent))
 
     monkeypatch.setattr(method, "from_inputs", reached)
-    with pytest.raises(Reached) as wanted:
+    with pytest.raises(ReachedError) as wanted:
         recipe.run()
     if "method" in step:
         step["method_"] = step.pop("method")
-    with pytest.raises(Reached) as found:
+    with pytest.raises(ReachedError) as found:
         separate(data, method=method.name, **step)
 
     assert found.value.args == wanted.value.args
