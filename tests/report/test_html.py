@@ -44,12 +44,8 @@ def _text(document):
     return _Page(render_html(document)).text
 
 
-def _without_figures(document):
-    """Return the document with nothing to draw: the words do not depend on the figures."""
-    document["plots"] = {"feeds": document["plots"]["feeds"]}
-    document["table"]["positions_m"] = None
-    document["estimate"].update(residual_psd={}, feed_spectra={})
-    return document
+textual = pytest.mark.usefixtures("without_figures")
+"""Of tests that read what stands beside the figures."""
 
 
 def test_every_tag_is_closed(whole_page):
@@ -85,6 +81,7 @@ def test_the_same_document_gives_the_same_bytes(document, whole_page):
     assert render_html(document) == whole_page
 
 
+@textual
 @pytest.mark.parametrize(
     "plant",
     [
@@ -103,7 +100,7 @@ def test_the_same_document_gives_the_same_bytes(document, whole_page):
          "step", "audit"],
 )  # fmt: skip
 def test_hostile_text_is_shown_not_run(document, plant):
-    plant(_without_figures(document), HOSTILE)
+    plant(document, HOSTILE)
 
     page = _Page(render_html(document))
 
@@ -112,12 +109,14 @@ def test_hostile_text_is_shown_not_run(document, plant):
 
 
 def test_a_hostile_axis_name_in_a_figure_does_not_run(document):
-    positions = document["table"]["positions_m"]
-    _without_figures(document)["table"].update(axis="<script>x</script>", positions_m=positions)
+    document["plots"] = {"feeds": document["plots"]["feeds"]}
+    document["estimate"].update(residual_psd={}, feed_spectra={})
+    document["table"]["axis"] = "<script>x</script>"
 
     assert "script" not in _Page(render_html(document)).tags
 
 
+@textual
 @pytest.mark.parametrize(
     ("verdict", "word", "symbol"),
     [
@@ -128,7 +127,6 @@ def test_a_hostile_axis_name_in_a_figure_does_not_run(document):
     ],
 )
 def test_the_verdict_is_a_word_and_a_symbol(document, verdict, word, symbol):
-    document = _without_figures(document)
     document["verdict"] = verdict
 
     head = re.search(r"<header.*?</header>", render_html(document), re.DOTALL).group()
@@ -143,31 +141,35 @@ def test_an_unknown_verdict_is_refused(document):
         render_html(document)
 
 
+@textual
 def test_the_decision_rule_stands_beside_the_verdict(document):
-    assert f"Decision rule: {document['decision_rule']}" in _text(_without_figures(document))
+    assert f"Decision rule: {document['decision_rule']}" in _text(document)
 
 
+@textual
 def test_values_have_unit_uncertainty_and_limit(document):
     entry = document["characteristics"][0]
     entry.update(value=0.9707e-6, u=4.6e-9, U=9.2e-9, lower=None, upper=2e-6)
 
-    text = _text(_without_figures(document))
+    text = _text(document)
 
     assert "970.7 nm 4.6 9.2 ≤ 2000" in text
     assert entry["definition"][1:] in text
 
 
+@textual
 def test_a_negative_value_and_two_limits_read_well(document):
     entry = document["characteristics"][0]
     entry.update(value=-2.5e-7, u=2e-9, U=4e-9, lower=-3e-7, upper=3e-7)
 
-    assert "−250.0 nm 2.0 4.0 −300 … 300" in _text(_without_figures(document))
+    assert "−250.0 nm 2.0 4.0 −300 … 300" in _text(document)
 
 
+@textual
 def test_a_value_that_is_not_known_says_so(document):
     document["characteristics"][0].update(value=None, u=None, U=None)
 
-    assert "not known" in _text(_without_figures(document))
+    assert "not known" in _text(document)
 
 
 def test_figures_say_what_was_removed_and_filtered(whole_page):
@@ -179,8 +181,9 @@ def test_figures_say_what_was_removed_and_filtered(whole_page):
     assert len(re.findall(r'<img alt="[^"]{40,}"', whole_page)) == 5
 
 
+@textual
 def test_the_table_states_sign_units_span_and_hash(document):
-    text = _text(_without_figures(document))
+    text = _text(document)
 
     for wanted in (
         document["table"]["sign"],
@@ -195,8 +198,9 @@ def test_the_table_states_sign_units_span_and_hash(document):
         assert wanted in text
 
 
+@textual
 def test_the_dry_run_shows_every_direction_and_the_reversed_sign(document):
-    text = _text(_without_figures(document))
+    text = _text(document)
 
     for row in document["table"]["verification"]["residuals"]:
         values = (row["before_pv_m"], row["after_pv_m"], row["wrong_sign_pv_m"])
@@ -208,32 +212,36 @@ def test_the_dry_run_shows_every_direction_and_the_reversed_sign(document):
     assert "shrinks the measured error in every direction" in text
 
 
+@textual
 def test_a_waived_dry_run_is_a_warning(document):
     document["table"]["verification"] = "waived by the user"
 
-    text = _text(_without_figures(document))
+    text = _text(document)
 
     assert "Dry-run: waived by the user." in text
     assert "not proven" in text
     assert "shrinks the measured error" not in text
 
 
+@textual
 def test_a_failed_dry_run_is_not_called_a_success(document):
     document["table"]["verification"]["passed"] = False
 
-    assert "do not use it" in _text(_without_figures(document))
+    assert "do not use it" in _text(document)
 
 
+@textual
 def test_wiring_is_shown(document):
     document["table"]["hal_routing"] = ["net one a => b", "net two c => d"]
 
-    page = render_html(_without_figures(document))
+    page = render_html(document)
 
     assert "<pre>net one a =&gt; b\nnet two c =&gt; d</pre>" in page
 
 
+@textual
 def test_polynomial_messages_hashes_recipe_and_versions_are_there(document):
-    text = _text(_without_figures(document))
+    text = _text(document)
 
     assert document["polynomial"]["horner"].splitlines()[-1] in text
     assert document["messages"][0] in text
@@ -243,29 +251,31 @@ def test_polynomial_messages_hashes_recipe_and_versions_are_there(document):
     assert "metrosep 0.1.0, numpy 2.4.6, python 3.11.9, scipy 1.17.1" in text
 
 
+@textual
 def test_selected_wavelengths_are_those_of_the_document(document):
     table = document["estimate"]["spectrum"]
     rows = zip(table["selected"], table["amplitude_nm"], table["wavelength_mm"], strict=True)
     _, amplitude, wavelength = max(r for r in rows if r[0])
 
-    text = _text(_without_figures(document))
+    text = _text(document)
 
     assert f"{wavelength:.2f} {amplitude:.1f}" in text
 
 
+@textual
 def test_messages_of_the_estimate_are_not_said_twice(document):
     document["estimate"]["messages"] = list(document["messages"])
 
-    assert _text(_without_figures(document)).count(document["messages"][0]) == 1
+    assert _text(document).count(document["messages"][0]) == 1
 
 
+@textual
 @pytest.mark.parametrize(
     "part",
     ["estimate", "plots", "characteristics", "table", "polynomial", "messages", "provenance",
      "recipe", "versions", "inputs", "decision_rule", "title"],
 )  # fmt: skip
 def test_a_missing_part_is_left_out(document, part):
-    document = _without_figures(document)
     document[part] = None
 
     assert _Page(render_html(document)).open == []
@@ -281,8 +291,8 @@ def test_every_method_renders(plain_document):
     assert page.tags.count("img") == 3
 
 
+@textual
 def test_the_file_holds_the_page(document, tmp_path):
-    document = _without_figures(document)
 
     path = write_html(document, tmp_path / "report.html")
 
@@ -290,6 +300,7 @@ def test_the_file_holds_the_page(document, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
 
 
+@textual
 def test_a_folder_that_does_not_exist_is_refused(document, tmp_path):
     with pytest.raises(WriteError, match="does not exist"):
-        write_html(_without_figures(document), tmp_path / "no" / "report.html")
+        write_html(document, tmp_path / "no" / "report.html")
