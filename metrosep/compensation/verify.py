@@ -671,6 +671,8 @@ def _without_holes(
 
     In a hole a run takes the shape of the mean of those that were measured there, and a line on top
     that joins it to its own readings: a straight line across would count as an error of the table.
+    It is no witness there: with n runs of which m were measured, the deviations of these from their
+    mean grow by sqrt(n (n - 1) / (m (m - 1))), so that the scatter of n runs is that of m.
     """
     long = _HOLE * (span[1] - span[0])
     most = max(2.0 * _spacing(span, entries), long)
@@ -679,15 +681,15 @@ def _without_holes(
         for i, row in enumerate(measured.rows)
         for d, x in row.places.items()
     }
-    rows = list(measured.rows)
+    curves = [dict(row.curves) for row in measured.rows]
+    bridged: list[tuple[int, float, float]] = []
     refused: list[str] = []
     warnings: list[str] = []
     for (i, d), holes in found.items():
-        row, curve = rows[i], measured.rows[i].curves[d]
-        missing = sum(b - a for a, b in holes)
+        row, missing = measured.rows[i], sum(b - a for a, b in holes)
         for a, b in holes:
-            others = [
-                measured.rows[j].curves[d]
+            there = [
+                j
                 for (j, way), theirs in found.items()
                 if way == d and j != i and not any(low < b and high > a for low, high in theirs)
             ]
@@ -695,27 +697,40 @@ def _without_holes(
                 f"run {row.name} was not measured between {units.place(a, digits=6)} and "
                 f"{units.place(b, digits=6)}"
             )
-            if 2 * len(others) > len(rows) and missing < _OF_RUNS * (common[1] - common[0]):
-                curve = _joined(curve, others, a, b)
+            if 2 * len(there) > len(curves) and missing < _OF_RUNS * (common[1] - common[0]):
+                others = [measured.rows[j].curves[d] for j in there]
+                n = len(curves) - sum(
+                    way == d and low < b and high > a for way, low, high in bridged
+                )
+                curves[i][d] = _joined(curves[i][d], others, a, b, 0.0)
+                for j in there:
+                    curves[j][d] = _joined(curves[j][d], others, a, b, math.sqrt(n / (n - 2.0)))
+                bridged.append((d, a, b))
                 warnings.append(
-                    f"{where}, inside the table: there it is judged by the {len(others)} runs that were"
+                    f"{where}, inside the table: there it is judged by the {len(there)} runs that were"
                 )
             else:
                 refused.append(f"{where}, inside the table: measure there, or leave it out")
-        rows[i] = replace(row, curves={**row.curves, d: curve})
-    return replace(measured, rows=tuple(rows)), (refused, warnings)
+    rows = tuple(replace(row, curves=own) for row, own in zip(measured.rows, curves, strict=True))
+    return replace(measured, rows=rows), (refused, warnings)
 
 
-def _joined(curve: Curve, others: list[Curve], a: float, b: float) -> Curve:
-    """Return a curve that between a and b has the shape of the mean of others, and no step."""
+def _joined(curve: Curve, others: list[Curve], a: float, b: float, share: float) -> Curve:
+    """Return a curve that between a and b has the shape of the mean of others, and no step.
+
+    `share` of its own deviation from that shape is kept.
+    """
     ends = np.array([a, b])
 
-    def mean(p: FloatArray) -> FloatArray:
-        return np.asarray(np.mean([other(p) for other in others], axis=0))
+    def shape(of: Curve, p: FloatArray) -> FloatArray:
+        return of(p) - np.interp(p, ends, of(ends))
 
     def at(p: FloatArray) -> FloatArray:
-        bridge = mean(p) + np.interp(p, ends, curve(ends) - mean(ends))
-        return np.where((p > a) & (p < b), bridge, curve(p))
+        mean = np.mean([shape(other, p) for other in others], axis=0)
+        inside = mean + np.interp(p, ends, curve(ends))
+        if share:
+            inside = inside + share * (shape(curve, p) - mean)
+        return np.where((p > a) & (p < b), inside, curve(p))
 
     return at
 

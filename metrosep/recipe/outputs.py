@@ -133,7 +133,11 @@ def pitch_table(runs: RunSet, output: Mapping[str, Any]) -> CompensationTable:
 
 
 def make_carried(
-    estimate: ErrorEstimate, output: Mapping[str, Any], runs: RunSet, *, degree: Any = "aicc"
+    estimate: ErrorEstimate,
+    output: Mapping[str, Any],
+    runs: RunSet | None,
+    *,
+    degree: Any = "aicc",
 ) -> Any:
     """Return what the controller of an output holds: a table, or a polynomial."""
     carries = find(output["controller"]).info.carries
@@ -148,22 +152,28 @@ def make_carried(
     return make_table(estimate, output)
 
 
-def polynomial_of(estimate: ErrorEstimate, runs: RunSet, **options: Any) -> PolynomialFit:
-    """Return the polynomial of a joint estimate with its covariance; of other methods that of the runs."""
+def polynomial_of(estimate: ErrorEstimate, runs: RunSet | None, **options: Any) -> PolynomialFit:
+    """Return the polynomial of an estimate with its covariance; of "kono" and "mean" that of the runs."""
     from metrosep.compensation.polynomial import fit_polynomial
 
-    data = estimate if estimate.method == "joint" else runs
+    data = runs if estimate.method in ("kono", "mean") else estimate
     return fit_polynomial(data, domain=(estimate.start, estimate.stop), **options)
 
 
 def carried_of(
     document: Mapping[str, Any], output: Mapping[str, Any]
-) -> tuple[Any, RunSet, Folds | None]:
-    """Return what an output holds, the runs for its dry-run, and what it is without each of them."""
+) -> tuple[Any, RunSet | ErrorEstimate, Folds | None]:
+    """Return what an output holds, the runs for its dry-run, and what it is without each of them.
+
+    A reversal has no runs that read the slide alone: its dry-run is against what it found.
+    """
     if is_positioning(document):
         cycles = measured_runs(document)
         return pitch_table(cycles, output), cycles, None
-    estimate, runs = stored_estimate(document), measured_runs(document)
+    estimate = stored_estimate(document)
+    if document.get("estimate") is None:
+        return make_carried(estimate, output, None), estimate, None
+    runs = measured_runs(document)
     degree = (document.get("polynomial") or {}).get("degree", "aicc")
     made = make_carried(estimate, output, runs, degree=degree)
     return made, runs, _folds_in(document, made)
@@ -295,7 +305,12 @@ def require_free(
 
 
 def _dry_run(
-    made: Any, runs: RunSet, was: Active | None, *, waived: tuple[str, ...], **more: Any
+    made: Any,
+    runs: RunSet | ErrorEstimate,
+    was: Active | None,
+    *,
+    waived: tuple[str, ...],
+    **more: Any,
 ) -> Verification:
     """Return the dry-run of a table or polynomial as it is, before a controller rounds it."""
     from metrosep.controllers.base import Simulator, table_lookup

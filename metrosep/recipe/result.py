@@ -380,11 +380,16 @@ def measured_runs(document: Mapping[str, Any]) -> RunSet:
 def stored_estimate(document: Mapping[str, Any]) -> ErrorEstimate:
     """Return the separated error of a result."""
     other = document.get("separation") if document.get("estimate") is None else None
-    if isinstance(other, Mapping):
+    if isinstance(other, Mapping) and not other.get("covariance"):
         raise DataError(
             f"this is a result of {other.get('op')}; the error of an axis comes from 'separate' "
-            "(joint, kono or mean)"
+            "(joint, kono or mean), or from a reversal of two such results"
         )
+    if isinstance(other, Mapping):
+        from metrosep.separation.contract import Separation
+        from metrosep.separation.lines.reversals import slide_error
+
+        return slide_error(Separation.from_dict(other))
     from metrosep.separation.runs.base import ErrorEstimate
 
     try:

@@ -99,6 +99,7 @@ if TYPE_CHECKING:
     )
     from metrosep.separation.lines.reversals import (
         StraightedgeReversal as StraightedgeReversal,
+        slide_error as slide_error,
         straightedge_reversal as straightedge_reversal,
     )
     from metrosep.separation.lines.slope_integration import (

@@ -220,6 +220,34 @@ def test_hole_that_most_runs_share_is_refused(holes):
         table(lambda p: -wave(p)).verify(against)
 
 
+@pytest.mark.parametrize("holes", [1, 2, 4])
+def test_runs_with_a_hole_are_no_witnesses_there(holes):
+    """Disturbances that live inside the hole: n runs of which m show them scatter as m runs do."""
+    n, low, high = 9, 21e-3, 26e-3
+    size = np.random.default_rng(3).normal(scale=0.2 * A, size=n)
+    size[:holes] = 0.0  # whatever they would have shown was not read
+    inside = np.clip(np.sin(np.pi * (X - low) / (high - low)), 0.0, None) * (
+        np.abs(X - 23.5e-3) < 2.5e-3
+    )
+    against = RunSet(
+        Run(
+            X,
+            (holed(X, wave(X)) if i < holes else wave(X)) + s * inside,
+            feed=0.1,
+            run_id=f"r{i}",
+        )
+        for i, s in enumerate(size)
+    )
+    result = table(lambda p: -wave(p)).verify(against, unknown="offset")
+    (r,) = result.residuals
+
+    seen = size[holes:]
+    rms = np.sqrt(np.mean((inside - inside.mean()) ** 2))
+    assert r.after_rms == pytest.approx(abs(seen.mean()) * rms, rel=GRID, abs=STEP)
+    u = seen.std(ddof=1) / np.sqrt(seen.size) * rms
+    assert r.u_after_rms == pytest.approx(u, rel=0.02, abs=0.0)
+
+
 def test_run_that_is_mostly_holes_is_refused():
     x = X[::10]
     z = np.where(np.isin(np.arange(x.size) // 50, (1, 2, 3, 5, 6)), np.nan, wave(x))

@@ -13,6 +13,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import invgamma
 
+from metrosep.core.errors import DegenerateFitError
 from metrosep.separation.runs.geometry import Extension, Sensor, Spectrum, filtered
 from metrosep.separation.runs.leave_out import run_scores
 from metrosep.separation.runs.noise import (
@@ -268,6 +269,15 @@ def test_the_gradient_of_the_evidence_with_the_lag_is_its_difference_quotient(
     ]
     np.testing.assert_allclose(at.gradient, slope, rtol=1e-4)
     assert abs(at.trace[1]) > 0.01 * abs(slope[1])
+
+
+def test_equations_of_a_slipping_run_that_have_no_factor_are_refused(model):
+    """A matrix that no readings can have: what came of it passed as a solution."""
+    broken = replace(model.runs[0], gram=-1e6 * np.eye(model.runs[0].gram.shape[0]))
+    model.slip[3] = 400.0
+
+    with pytest.raises(DegenerateFitError, match="do not determine"):
+        model.take([broken, *model.runs[1:]])
 
 
 def test_runs_that_agree_have_no_slip(model):

@@ -7,8 +7,15 @@ import pytest
 from contracts.estimates import LENGTH, NM, X, known
 
 from metrosep.cli.main import main
+from metrosep.compensation import CompensationTable, fit_polynomial
 from metrosep.errors import DataError
-from metrosep.separation import ErrorEstimate, Separation, separate, straightedge_reversal
+from metrosep.separation import (
+    ErrorEstimate,
+    Separation,
+    separate,
+    slide_error,
+    straightedge_reversal,
+)
 
 pytestmark = pytest.mark.usefixtures("separations_once")
 
@@ -175,6 +182,17 @@ def test_from_runs_to_the_slide_at_the_command_line(tmp_path, capsys):
         assert np.sqrt(np.mean(error**2)) < 2.5 * np.sqrt(np.mean(u**2))
         assert np.sqrt(np.mean(error**2)) < 15 * NM
         np.testing.assert_allclose(np.diag(found.covariance(part)), u**2, rtol=1e-9, atol=0)
+    # no runs read the slide alone: its table is judged by what was found
+    cells = tmp_path / "slide.csv"
+    code = command("table", str(out), "--axis", "Y", "--compensates", "Z", "--format", "csv",
+                   "--spacing", "1 mm", "-o", str(cells))  # fmt: skip
+    said = capsys.readouterr().err
+    assert not code, said
+    assert "predicted, not shown" in said
+    place, added = np.loadtxt(cells, delimiter=",", skiprows=1, usecols=(0, 1)).T
+    left = slide(place * 1e-3) + added * 1e-6
+    assert np.std(flat(left, place)) < 0.1 * np.std(slide(x))
+    assert np.std(flat(slide(place * 1e-3) - added * 1e-6, place)) > np.std(slide(x))
 
 
 def test_results_of_the_same_runs_are_refused_at_the_command_line(tmp_path, capsys):
@@ -190,3 +208,23 @@ def test_results_of_the_same_runs_are_refused_at_the_command_line(tmp_path, caps
     said = capsys.readouterr().err
     assert "Traceback" not in said
     assert "same" in said
+
+
+def test_the_slide_of_a_reversal_is_an_error_with_its_covariance():
+    found = straightedge_reversal(*pair())
+
+    error = slide_error(found)
+
+    x = found.coordinates["x"]
+    np.testing.assert_allclose(error.evaluate(x), found.machine, rtol=0, atol=PM)
+    # 1 % of a variance: straight lines between nodes
+    whole = found.covariance("machine")
+    np.testing.assert_allclose(error.covariance(x), whole, rtol=0, atol=0.01 * whole.max())
+    assert np.isfinite(fit_polynomial(error, degree=3).u_coefficients).all()
+    with pytest.raises(DataError, match="slope"):
+        CompensationTable.from_error(error, axis="X", compensates="X")
+
+
+def test_readings_without_estimates_have_no_error_of_an_axis():
+    with pytest.raises(DataError, match="covariance"):
+        slide_error(straightedge_reversal(EDGE + SLIDE, EDGE - SLIDE, u_reading=NM))

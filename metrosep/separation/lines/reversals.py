@@ -8,6 +8,7 @@ separated; the scatter of the repeats is the uncertainty.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -21,6 +22,7 @@ from metrosep.core.numbers import not_negative
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
+from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
 from metrosep.separation._methods import History, Parts, RecordedMethod, described_by
 from metrosep.separation._readings import (
@@ -38,9 +40,9 @@ from metrosep.separation._readings import (
 )
 from metrosep.separation.contract import U_READING, NamedMethod, Separation, Unobservable
 from metrosep.separation.covariance import CovarianceModes
-from metrosep.separation.runs.base import ErrorEstimate
+from metrosep.separation.runs.base import DirectionEstimate, ErrorEstimate, SampledCurve
 
-__all__ = ["StraightedgeReversal", "straightedge_reversal"]
+__all__ = ["StraightedgeReversal", "slide_error", "straightedge_reversal"]
 
 
 def combined(
@@ -349,6 +351,57 @@ def straightedge_reversal(
     )
     array = stacked(readings, method.name)
     return method.separate(array, u_reading=u_reading, history=history)
+
+
+def slide_error(reversal: Separation, *, part: str = "machine") -> ErrorEstimate:
+    """Return what a reversal of estimates found of the slide as the error of an axis.
+
+    Parameters
+    ----------
+    reversal : Separation
+        Of `straightedge_reversal` of two estimates.
+    part : str, optional
+        The slide; ``artefact`` is the edge.
+
+    Returns
+    -------
+    ErrorEstimate
+        For tables, polynomials and dry-runs, with the uncertainty and covariance of the part, for
+        both directions of travel; its slope is not known (NaN).
+
+    Raises
+    ------
+    DataError
+        If the covariance of the part is not known: it was made of readings, not of estimates.
+
+    Examples
+    --------
+    >>> from metrosep.separation.runs.simulate import machine_axis
+    >>> from metrosep.separation import separate
+    >>> first, second = (separate(machine_axis(seed=i).runs, method="mean") for i in (1, 2))
+    >>> error = slide_error(straightedge_reversal(first, second))
+    >>> error.has_covariance
+    True
+    """
+    reversal.covariance(part)
+    x = reversal.coordinates["x"]
+    travel = (float(x[0]), float(x[-1]))
+    curves = (SampledCurve(x, reversal.parts[part]), SampledCurve(x, reversal.u[part]))
+    return ErrorEstimate(
+        method=reversal.method,
+        start=travel[0],
+        stop=travel[1],
+        fit_range=travel,
+        directions_data={0: DirectionEstimate(*curves, modes=reversal.modes[part])},
+        slope=Quantity(math.nan, "rad", "alignment of each set-up; a reversal does not show it"),
+        spectrum_data={},
+        feed_spectra_data={},
+        residual_psd_data={"frequency_hz": [], "psd_nm2_per_hz": [], "model_nm2_per_hz": []},
+        residual_rms=math.nan,
+        audit={"part": part, **reversal.audit},
+        messages=reversal.messages,
+        history=reversal.history,
+    )
 
 
 _POINTS = 401

@@ -80,6 +80,15 @@ def _sum(runs: Sequence[RunEquations]) -> RunEquations:
     return replace(runs[0], gram=gram, right=right, velocity=velocity)
 
 
+def _check_factor(info: int) -> None:
+    """Refuse equations whose matrix has no Cholesky factor."""
+    if info != 0:
+        raise DegenerateFitError(
+            "the runs do not determine the model: two runs or wavelengths are "
+            "indistinguishable; ask for longer wavelengths (shortest=) or add runs"
+        )
+
+
 @dataclass(slots=True, eq=False)
 class Wave:
     """One wave of free wavelength: its columns, its variance, and what its wavelength may do."""
@@ -204,7 +213,8 @@ class Model:
             own = np.diag(1.0 / np.tile(self.slip[self.slip > 0.0], 2))
             parts = []
             for run in runs:
-                factor, _ = dpotrf(run.gram[np.ix_(at, at)] + own, lower=1)
+                factor, info = dpotrf(run.gram[np.ix_(at, at)] + own, lower=1)
+                _check_factor(info)
                 side = np.column_stack([run.gram[at], run.right[at]])
                 parts.append(dtrtrs(factor, side, lower=1)[0])
             half = np.concatenate(parts)
@@ -296,11 +306,7 @@ class Model:
         matrix *= scale[:, None]
         matrix *= scale
         factor, info = dpotrf(matrix.T, lower=1, clean=1, overwrite_a=1)
-        if info != 0:
-            raise DegenerateFitError(
-                "the runs do not determine the model: two runs or wavelengths are "
-                "indistinguishable; ask for longer wavelengths (shortest=) or add runs"
-            )
+        _check_factor(info)
         logs = 2.0 * float(np.log(np.diag(factor)).sum() - np.log(scale).sum())
         inverse = dtrtri(factor, lower=1, overwrite_c=1)[0]
         root = inverse.T * scale[:, None]
