@@ -206,7 +206,7 @@ def test_runs_that_tell_their_columns_need_no_options_at_any_verb(tmp_path, kind
 
 def test_what_is_given_beside_columns_that_are_told_is_used(tmp_path):
     path = told(tmp_path, "txt")
-    with pytest.raises(ms.errors.DataError, match="600 mm/min.*3000 mm/min"):
+    with pytest.raises(ms.errors.DataError, match=r"600 mm/min.*3000 mm/min"):
         ms.read_runs(told(tmp_path, "csv"), feed="600 mm/min")  # against its clock
     assert [r.feed for r in ms.read_runs(path, feed="600 mm/min")] == [0.01] * 4
 

@@ -72,6 +72,7 @@ DECIMAL_SHOWN = {
 
 _REMARK = re.compile(r"\s+[#%]\s*[^\W\d].*")
 """What somebody wrote behind a row."""
+_RULE = re.compile(r"([-=_])\1{2}")
 _RULED = "-=*~_<>[] "
 """What people put round a line below a table: --- end ---."""
 
@@ -548,6 +549,9 @@ class Body:
     def _is_text(self, fields: Sequence[str]) -> bool:
         """Whether a line is words, no row: it begins with a letter where a number should stand."""
         begin = fields[0].strip().strip('"')
+        ruled = " ".join(f.strip() for f in fields)
+        if not ruled.strip("-=_+*| ") and _RULE.search(ruled):  # -----: also a word for no reading
+            return len(fields) < self._n or not ruled.strip("=_+| ")
         if not any(self._labels):
             words = " ".join(fields).strip(_RULED + '"').lower().split()
             if words and all(w.isalpha() and w not in self._words for w in words):
@@ -830,6 +834,8 @@ _MARKERS = frozenset(
     }
 )
 """Limits of the integers of converters."""
+_NULLS = frozenset({-999.25})
+"""What logs of wells write for "not measured": reported also where it stands once."""
 _BEYOND = 1e20
 _FAR = 5.0
 """A value of marker shape further away than so many times the spread of the others is refused."""
@@ -865,7 +871,11 @@ def marker_of(values: FloatArray) -> tuple[float, float, bool] | None:
         counts = {e: int(np.count_nonzero(rest == e)) for e in extremes}
         shaped = [e for e in extremes if _has_marker_shape(e) and counts[e] <= most]
         if not shaped or len(aside) == _MOST_MARKERS:
-            repeated = [e for e in extremes if _REPEATED <= counts[e] <= most]
+            repeated = [
+                e
+                for e in extremes
+                if (counts[e] >= _REPEATED or e in _NULLS) and counts[e] <= most
+            ]
             found = next((e for e in repeated if _distance(e, rest[rest != e]) > _VERY_FAR), None)
             return near if found is None else (found, _distance(found, rest[rest != found]), False)
         aside.append(shaped[0])
