@@ -202,7 +202,7 @@ def _may_be_map(file: Path, given: Mapping[str, Any]) -> bool:
     """Whether a text holds nothing but numbers without names: a matrix of heights."""
     from metrosep.io.runs import columns_of
     from metrosep.io.source import open_file
-    from metrosep.io.text.measurement import is_matrix
+    from metrosep.io.text.matrices import is_matrix
 
     _, table, _ = columns_of(open_file(file), text_options(given))
     return "separator" in table.header and is_matrix(table)

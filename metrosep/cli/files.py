@@ -133,7 +133,7 @@ def _print_description(name: str, found: dict[str, Any]) -> None:
         )
     columns = found["metadata"].get("columns")
     if columns and found["kind"] == "table":
-        from metrosep.io.text.measurement import shown_columns
+        from metrosep.io.text.matrices import shown_columns
 
         click.echo(f"  columns   {shown_columns(tuple(_column_text(c) for c in columns))}")
     for warning in found["metadata"].get("warnings") or ():

@@ -53,8 +53,21 @@ def require_columns(options: Mapping[str, Any], files: Sequence[str]) -> None:
             "--column belongs to a named separation; runs have --x, --z and --run"
         )
     missing = [name for name in ("x", "z") if options.get(name) is None]
-    if missing:
+    if missing and not (len(missing) == 2 and tells_runs(options, files)):
         raise missing_options(missing, files[0])
+
+
+def tells_runs(options: Mapping[str, Any], files: Sequence[str]) -> bool:
+    """Return whether files tell by themselves which columns are run, position and reading."""
+    from metrosep.cli.shortcut import RUN_INPUT
+    from metrosep.core.errors import FormatMismatchError, UnitError
+    from metrosep.io.runs import told_columns
+
+    given = {k: options[k] for k in RUN_INPUT if options.get(k) is not None}
+    try:
+        return all(told_columns(file, given) for file in files)
+    except (FormatMismatchError, UnitError):
+        return False
 
 
 def named_recipe(name: str, options: Mapping[str, Any], *, report: bool) -> str:

@@ -95,7 +95,9 @@ def table(
             f"--poly is for controllers that hold a polynomial, and {info.id} holds a {info.carries}: "
             "leave --poly out, or write --format plc-st"
         )
-    of_runs = any(options.get(k) for k in ("x", "z"))
+    of_runs = any(options.get(k) for k in ("x", "z")) or (
+        info.carries != "map" and _hold_runs(sources, options)
+    )
     if len(sources) > 1 and not of_runs:
         raise click.UsageError(
             f"one file gives one table, got {len(sources)}; several files of runs need --x and --z"
@@ -123,6 +125,21 @@ def table(
     if options["trial"] is None:
         say_next("verify", out, "--against", "MAP" if info.carries == "map" else "NEW.csv")
     return 0
+
+
+def _hold_runs(files: tuple[str, ...], options: dict[str, Any]) -> bool:
+    """Whether files are tables of runs whose columns need no names: no results, maps or lists."""
+    from metrosep.cli.named import tells_runs
+    from metrosep.core.errors import MetrosepError
+    from metrosep.io.check import describe
+
+    if any(Path(f).is_dir() or Path(f).suffix == ".json" or is_list(f, options) for f in files):
+        return False
+    try:
+        kinds = {describe(f)["kind"] for f in files}
+    except (MetrosepError, OSError):  # said where it is read
+        return False
+    return kinds <= {"runs", "table"} and tells_runs(options, files)
 
 
 def _separated(
@@ -496,15 +513,17 @@ def verify(
 
 def _against(files: tuple[str, ...], options: dict[str, Any], step: float | None = None) -> RunSet:
     """Return the readings to judge a table with: a list of targets, or runs; in cells as it was made."""
+    from metrosep.cli.named import tells_runs
     from metrosep.separation.positions.pitch import celled_runs
 
     if is_list(files[0], options):
         return listed_cycles(files, options, {})
     refuse_list_options({**options, "direction": None})
-    if step is not None and options.get("x") and options.get("z"):
+    told = not (options.get("x") or options.get("z")) and tells_runs(options, files)
+    if step is not None and (told or (options.get("x") and options.get("z"))):
         return celled_runs(read_runs_of(files, options, angles=True), step)
     for column in ("x", "z"):
-        if options.get(column) is None:
+        if not told and options.get(column) is None:
             raise click.UsageError(
                 f"--{column} names the column of the runs, such as --{column} {column}_mm (of a list "
                 "of targets: --target, --direction, --readings)"

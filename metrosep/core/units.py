@@ -152,6 +152,8 @@ _ALIASES = {
     "metre": "m",
     "metres": "m",
     "inch": "in",
+    "thou": "mil",
+    "mils": "mil",
     "inches": "in",
     '"': "in",
     "uinch": "uin",
@@ -281,6 +283,8 @@ _MEANS = {
 
 def _canonical(text: str) -> str:
     """Return the spelling of a unit; the case of symbols counts, that of words does not."""
+    if text.strip() in ("µ", "μ"):
+        return "um"
     name = text.strip().replace("µ", "u").replace("μ", "u")
     if name in _TABLE:
         return name

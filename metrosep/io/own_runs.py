@@ -16,7 +16,7 @@ from metrosep.io.own_notes import header_notes
 from metrosep.io.source import RawFile
 from metrosep.io.text.table import Column, Table
 
-__all__ = ["own_runs", "run_table"]
+__all__ = ["own_columns", "own_runs", "run_table"]
 
 _NAMES = ("run", "feed_m_s", "t_s")
 
@@ -54,15 +54,25 @@ def _labels(runs: RunSet) -> list[str]:
     return made
 
 
+def own_columns(table: Table) -> dict[str, str]:
+    """Return the columns by their role where a table has those of `run_table`, else nothing."""
+    *first, x, z = table.names if len(table.names) > 2 else ("", "", "")
+    known = first[:1] == ["run"] and [n for n in _NAMES if n in first] == first
+    units = {name.partition("_")[2] for name in (x, z)}
+    if not (known and (x[:2], z[:2]) == ("x_", "z_") and units <= {"m", "rad"}):
+        return {}
+    beside = {"run": "run", "feed": "feed_m_s", "time": "t_s"}
+    return {"x": x, "z": z, **{k: n for k, n in beside.items() if n in first}}
+
+
 def own_runs(file: RawFile, table: Table) -> RunSet | None:
     """Return the runs of a table that metrosep wrote with runs, ``None`` for its other tables."""
-    comments = table.header.get("comments", ())
-    *first, x, z = table.names if len(table.names) > 2 else ("", "", "")
-    units = [name.partition("_")[2] for name in (x, z)]
-    known = first[:1] == ["run"] and [n for n in _NAMES if n in first] == first
-    if not (known and (x[:2], z[:2]) == ("x_", "z_") and set(units) <= {"m", "rad"}):
+    columns_of_runs = own_columns(table)
+    if not columns_of_runs:
         return None
-    notes = header_notes(file, comments)
+    x, z = columns_of_runs["x"], columns_of_runs["z"]
+    units = [name.partition("_")[2] for name in (x, z)]
+    notes = header_notes(file, table.header.get("comments", ()))
     by_name = {c.name: c.values for c in table.columns}
     names = np.array(table["run"].labels or (), dtype=object)
     order = dict.fromkeys(names.tolist())

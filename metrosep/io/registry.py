@@ -64,6 +64,10 @@ _INSTEAD = {
     rb"PK\x03\x04.*Index/Document\.iwa": "is a workbook of Numbers; export it as .xlsx or CSV",
     rb"(?:\xef\xbb\xbf)?\s*<\?xml.*(?:Excel\.Sheet|office:spreadsheet|<office:document)": "is a workbook in one XML "
     "file (Excel 2003 or .fods), whatever its name says; save it as .xlsx, .ods or CSV",
+    rb"(?:\xef\xbb\xbf)?\s*[\[{]\s*(?:[\[{]\s*)*[\"'\d\-\]}]": "holds data in braces or brackets (JSON or source text), not "
+    "lines of a table; write them as CSV, one row a line",
+    rb"(?:\xef\xbb\xbf)?\s*<\?xml": "is XML of a kind that no reader knows; export the table as CSV",
+    rb"\{\\rtf": "is a text of a word processor (RTF); save it as plain text or CSV",
     rb"FEA1": "is a Feather file of version 1; write it again as Feather 2 or Parquet",
     rb"(?:\xef\xbb\xbf)?\s*<(?:!doctype html|html|table|meta)[ >]": "is a web page (HTML), whatever its name says; "
     "open it in a spreadsheet program and save it as .xlsx or CSV",
@@ -71,6 +75,8 @@ _INSTEAD = {
 """How files begin that are known and not read, and what to do with them."""
 
 _LF = b"\n"
+_FEW_LINES = 20
+"""Lines of a text that may be all header."""
 _UNPRINTED = bytes({*range(0x20)} - {*b"\t\n\f\r"})
 
 _KEYS = frozenset(
@@ -362,6 +368,16 @@ def find(file: RawFile) -> Format:
         raise UnknownFormatError(
             f"{file.path}: line {text.count(_LF) + 1} holds a byte of value 0, which no text has; a program that "
             "was stopped leaves such ends: copy the file again, or cut it off before that line"
+        )
+    lines = [line for line in file.head.splitlines() if line.strip()]
+    if (
+        not zero
+        and 0 < len(lines) <= _FEW_LINES
+        and not any(re.search(rb"(?<!\w)\d", s) for s in lines[1:])
+    ):
+        raise UnknownFormatError(
+            f"{file.path}: holds {len(lines)} line(s) of text and no row of numbers (it starts with "
+            f"{preview(file.head)}); export the measurement again"
         )
     known = ", ".join(f.id for f in formats() if f.is_measurement)
     raise UnknownFormatError(

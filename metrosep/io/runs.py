@@ -44,7 +44,8 @@ from metrosep.core.units import (
 from metrosep.io import registry
 from metrosep.io._roles import FORWARD, REVERSE, jumps_back, runs_in
 from metrosep.io.own_notes import is_marked
-from metrosep.io.several_runs import BLOCKS
+from metrosep.io.own_runs import own_columns, own_runs, run_table
+from metrosep.io.several_runs import BLOCKS, SeveralRunsError
 from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.dialect import Dialect
 from metrosep.io.text.encoding import decode
@@ -68,6 +69,7 @@ __all__ = [
     "read_roles",
     "read_runs",
     "role_values",
+    "told_columns",
 ]
 
 FeedSpec: TypeAlias = ColumnSpec | float | Sequence[float | str] | None
@@ -96,8 +98,8 @@ def read_runs(
         One or several files; without `run`, each is one run.
     x, z : str or tuple of (str, str)
         Columns (or channels) of the position and of the reading: a name whose header carries the
-        unit (``"x_mm"``), ``"name:unit"`` or ``("name", "unit")``. Only a file that metrosep wrote
-        with its runs needs none.
+        unit (``"x_mm"``), ``"name:unit"`` or ``("name", "unit")``. A file that metrosep wrote with
+        its runs needs none, nor does one whose names and units tell run, position and reading.
     feed : column, float (m/s), str with unit, or list of either, optional
         Column of the feedrate, or one feed for all runs (``"7200 mm/min"``), or a list with one
         per file. Its sign is not needed: the direction follows from the positions.
@@ -156,7 +158,16 @@ def read_runs(
                 f"{', '.join(TEXT_OPTIONS)}"
             )
     if x is None and z is None:
-        return _stored(files)
+        given = {
+            "feed": feed,
+            "run": run,
+            "direction": direction,
+            "time": time,
+            "sampling_rate": sampling_rate,
+            "scale": scale,
+            **layout,
+        }
+        return _told(files, {k: v for k, v in given.items() if v is not None}, angles=angles)
     if x is None or z is None:
         raise FormatMismatchError("read_runs needs both x= and z=; name the two columns")
     request = _Request(
@@ -201,17 +212,35 @@ def read_runs(
     return RunSet(runs, metadata=metadata, history=tuple(history))
 
 
-def _stored(files: Sequence[str | os.PathLike[str]]) -> RunSet:
-    """Return the runs of files that metrosep wrote."""
+def told_columns(
+    path: str | os.PathLike[str], given: Mapping[str, Any], *, angles: bool = True
+) -> dict[str, Any]:
+    """Return what `read_runs` needs of a table that tells it by names and units, with what is given."""
+    layout = {k: v for k, v in given.items() if k in TEXT_OPTIONS}
+    file, table, known_as = columns_of(open_file(path), layout)
+    own = own_columns(table)
+    is_own = known_as in (_OWN, "hdf5") or any(map(is_marked, table.header.get("comments", ())))
+    if own and is_own and (angles or own["x"] != "x_rad"):
+        return {**own, **given}
+    found = runs_in(table)
+    known = found is not None and (found.run != BLOCKS or given.get("run") == BLOCKS)
+    if found is None or not known or not found.is_known(given):
+        advice = "name them with x= and z=, such as x='x_mm'"
+        if found is not None:
+            raise SeveralRunsError(file.path, found, dict(given))
+        raise FormatMismatchError(f"{file.path}: holds columns, not runs; {advice}")
+    timed = "sampling_rate" in given
+    return {**{k: v for k, v in found.specs().items() if k != "time" or not timed}, **given}
+
+
+def _told(
+    files: Sequence[str | os.PathLike[str]], given: Mapping[str, Any], *, angles: bool
+) -> RunSet:
+    """Return the runs of files that metrosep wrote, or whose names and units tell what they hold."""
     parts: list[RunSet] = []
     for path in files:
-        file = open_file(path)
-        stored = stored_runs(file)
-        if stored is None:
-            raise FormatMismatchError(
-                f"{file.path}: holds columns, not runs; name them with x= and z=, such as x='x_mm'"
-            )
-        parts.append(stored)
+        stored = None if given else stored_runs(open_file(path))
+        parts.append(stored or read_runs(path, **told_columns(path, given), angles=angles))
     if len(parts) == 1:
         return parts[0]
     units = {(p.metadata.get("unit", "m"), p.metadata.get("z_unit", "m")) for p in parts}
@@ -350,7 +379,7 @@ def _with_hint(message: str, request: _Request, table: Table) -> str:
 
 def _clock(t: FloatArray | None, rows: NDArray[np.intp], request: _Request) -> FloatArray | None:
     if t is not None:
-        return t[rows]
+        return None if np.isnan(t[rows]).all() and not np.isnan(t).all() else t[rows]
     if request.sampling_rate is None:
         return None
     return np.arange(rows.size) / rate_of(request.sampling_rate)
@@ -376,8 +405,10 @@ def _one_feed(
         return None
     values = speeds[rows]
     known = values[~np.isnan(values)]
-    if known.size == 0:
+    if known.size == 0 and np.isnan(speeds).all():
         raise InvalidSamplesError(f"{where}: the feed column is empty; fill it or leave feed= out")
+    if known.size == 0:
+        return None  # a run whose feed is not known among others
     low, high = float(known.min()), float(known.max())
     if low == high:
         speed = low
@@ -489,8 +520,6 @@ def stored_runs(file: RawFile) -> RunSet | None:
         table = read_table(file)
         if not any(map(is_marked, table.header.get("comments", ()))):
             return None
-        from metrosep.io.own_runs import own_runs
-
         return own_runs(file, table)
     if known not in (_OWN, "hdf5"):
         return None
@@ -520,8 +549,6 @@ def columns_of(file: RawFile, layout: dict[str, Any]) -> tuple[RawFile, Table, s
         )
     obj = registry.get(known).load_reader().read(file)
     if isinstance(obj, RunSet):
-        from metrosep.io.own_runs import run_table
-
         return file, run_table(obj), known
     if not isinstance(obj, Recording):
         raise FormatMismatchError(

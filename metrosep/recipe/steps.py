@@ -53,8 +53,8 @@ OPERATOR = {
 
 INPUT = {
     "files": Field("texts"),
-    "x": Field("column", required=True),
-    "z": Field("column", required=True),
+    "x": Field("column"),
+    "z": Field("column"),
     "feed": Field("column"),
     "run": Field("text"),
     "direction": Field("text"),

@@ -30,7 +30,7 @@ def test_every_bad_file_is_read_rightly_or_refused(bad_files, monkeypatch, tmp_p
     assert len(files) > 800
 
     for path in files[third::3]:
-        started = time.perf_counter()
+        started = time.process_time()
         try:
             obj = ms.read(path)
         except REFUSED as exc:
@@ -38,7 +38,7 @@ def test_every_bad_file_is_read_rightly_or_refused(bad_files, monkeypatch, tmp_p
         else:
             values = obj.channels.values() if isinstance(obj, ms.Recording) else [obj.z]
             assert any(np.isfinite(v).any() for v in values), path.name
-        assert time.perf_counter() - started < SLOWEST, path.name
+        assert time.process_time() - started < SLOWEST, path.name
     assert list(tmp_path.iterdir()) == []  # no pickle was run
 
 

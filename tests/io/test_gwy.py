@@ -129,22 +129,22 @@ def test_bytes_after_the_container_are_a_warning(samples, put):
 def test_tree_that_lies_is_a_read_error(samples, put, old, new, match):
     data = (samples / "plain.gwy").read_bytes()
     assert old in data
-    start = time.perf_counter()
+    start = time.process_time()
 
     with pytest.raises(ms.errors.ReadError, match=match):
         ms.read(put(data.replace(old, new), "a.gwy"), format="gwy")
 
-    assert time.perf_counter() - start < QUICK
+    assert time.process_time() - start < QUICK
 
 
 def test_real_file_cut_to_64_bytes_does_not_loop(corpus, put):
     data = (corpus / "gwyfile" / "test.gwy").read_bytes()[:64]
-    start = time.perf_counter()
+    start = time.process_time()
 
     with pytest.raises(ms.errors.CorruptFileError, match="GwyContainer"):
         ms.read(put(data, "a.gwy"))
 
-    assert time.perf_counter() - start < QUICK
+    assert time.process_time() - start < QUICK
 
 
 def test_many_empty_texts_are_not_allocated(put):

@@ -173,12 +173,12 @@ def test_fields_of_the_table_do_not_overlap():
     ],
 )
 def test_header_that_lies_is_a_read_error(patched, fields, match):
-    start = time.perf_counter()
+    start = time.process_time()
 
     with pytest.raises(ms.errors.ReadError, match=match):
         ms.read(patched(**fields))
 
-    assert time.perf_counter() - start < QUICK
+    assert time.process_time() - start < QUICK
 
 
 def test_zeroed_magic_is_not_recognised(patched):

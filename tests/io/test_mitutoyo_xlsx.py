@@ -165,7 +165,7 @@ LAUGHS = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10 if i else "ha"}">' for i i
 )
 def test_hostile_worksheet_is_a_read_error(repacked, data, match):
     path = repacked({"xl/worksheets/sheet2.xml": data})
-    start = time.perf_counter()
+    start = time.process_time()
     tracemalloc.start()
 
     with pytest.raises(ms.errors.ReadError, match=match):
@@ -174,7 +174,7 @@ def test_hostile_worksheet_is_a_read_error(repacked, data, match):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < SMALL
-    assert time.perf_counter() - start < QUICK
+    assert time.process_time() - start < QUICK
 
 
 @pytest.mark.parametrize("target", ["../../../etc/passwd", "/etc/passwd", "http://127.0.0.1:9/x"])

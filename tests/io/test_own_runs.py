@@ -137,3 +137,83 @@ def test_a_table_that_only_looks_like_it_is_read_as_any_other(tmp_path):
     assert not isinstance(ms.read(path, x="x_m", z="z_m"), ms.RunSet)
     with pytest.raises(ms.errors.FormatMismatchError, match="holds columns, not runs"):
         ms.read_runs(path)
+
+
+def told(folder, kind):
+    """Write four runs as metrosep does, or as a person with a spreadsheet; the last has no feed."""
+    rng = np.random.default_rng(7)
+    parts = [
+        ms.Run(X, Z + 1e-9 * rng.normal(size=21), feed=f, run_id=f"r{k}")
+        for k, f in enumerate((0.05, 0.05, 0.01, None))
+    ]
+    path = folder / f"runs.{kind}"
+    if kind != "txt":
+        return ms.write(ms.RunSet(parts), path)
+    rows = [
+        f"{r.run_id};{x * 1e3!r};{z * 1e6!r};{'' if r.feed is None else r.feed * 6e4}".replace(
+            ".", ","
+        )
+        for r in parts
+        for x, z in zip(r.x.tolist(), r.z.tolist(), strict=True)
+    ]
+    path.write_text("\n".join(["Lauf;Weg [mm];Abweichung [\u00b5m];Vorschub [mm/min]", *rows, ""]))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["csv", "h5", "txt"])
+def test_runs_that_tell_their_columns_need_no_options_at_any_verb(tmp_path, kind, capsys):
+    path = told(tmp_path, kind)
+    recipe = tmp_path / "r.toml"
+    recipe.write_text(
+        f'metrosep = 1\n[input]\nfiles = ["{path.name}"]\n[[step]]\nop = "separate"\nmethod = "mean"\n'
+    )
+    table = tmp_path / "x.comp"
+    own = [
+        "--machine",
+        "cross_axis=hal",
+        "--machine",
+        "travel_low=0 mm",
+        "--machine",
+        "travel_high=10 mm",
+    ]
+    calls = [
+        ["separate", path, "--method", "mean", "-o", tmp_path / "a"],
+        ["run", recipe, "-o", tmp_path / "b"],
+        [
+            "table",
+            path,
+            "--method",
+            "mean",
+            "--format",
+            "linuxcnc",
+            "--compensates",
+            "Z",
+            *own,
+            "-o",
+            table,
+        ],
+        ["verify", table, "--against", path, *own[:2]],
+    ]
+
+    for call in calls:
+        with pytest.raises(SystemExit) as stop:
+            main([str(w) for w in call])
+        assert stop.value.code == 0, capsys.readouterr().err
+    back = ms.read_runs(path)
+    assert [r.feed and round(r.feed, 12) for r in back] == [0.05, 0.05, 0.01, None]
+    assert [r.run_id for r in back] == ["r0", "r1", "r2", "r3"]
+
+
+def test_what_is_given_beside_columns_that_are_told_is_used(tmp_path):
+    path = told(tmp_path, "txt")
+    with pytest.raises(ms.errors.DataError, match=r"600 mm/min.*3000 mm/min"):
+        ms.read_runs(told(tmp_path, "csv"), feed="600 mm/min")  # against its clock
+    assert [r.feed for r in ms.read_runs(path, feed="600 mm/min")] == [0.01] * 4
+
+    rows = path.read_text().replace("Abweichung [\u00b5m]", "Taster [V]")
+    path.write_text(rows)
+    with pytest.raises(ms.errors.ReadError, match="scale='SENSITIVITY'"):
+        ms.read_runs(path)
+    volts = float(rows.splitlines()[4].split(";")[2].replace(",", "."))
+    found = ms.read_runs(path, scale="-2 um/V")[0].z[3]
+    assert found == pytest.approx(-2e-6 * volts, rel=0.0, abs=1e-18)

@@ -273,12 +273,12 @@ def test_every_reader_has_one_declaration():
 
 @pytest.mark.parametrize("content", [b"\n" * 65536, b" \t" * 32768, b"GRD " * 16384, b"a" * 65536])
 def test_no_mark_takes_long_on_a_hostile_head(put, content):
-    start = time.perf_counter()
+    start = time.process_time()
 
     with pytest.raises(ms.errors.ReadError):
         ms.read(put(content, "head.txt"))
 
-    assert time.perf_counter() - start < 2.0
+    assert time.process_time() - start < 2.0
 
 
 PLANTED = """id = "planted"

@@ -206,12 +206,12 @@ def test_many_empty_segments_take_no_time(made, put):
     entries = [made["entry"](f"/'g'/'{k}'", made["index"]("f8", 1), {}) for k in range(500)]
     data = made["segment"](entries, made["floats"](*range(500)), 0)
     data += made["segment"]([], b"", 0) * 20_000
-    start = time.perf_counter()
+    start = time.process_time()
 
     recording = ms.read(put(data), sampling_rate=1.0, channel="499")
 
     assert recording["499"].tolist() == [499.0]
-    assert time.perf_counter() - start < 2.0
+    assert time.process_time() - start < 2.0
 
 
 def test_sensor_scale_is_left_to_the_peer(peer, made, put):

@@ -188,12 +188,12 @@ def test_lateral_step_override(sample):
 )
 def test_description_that_lies_is_a_read_error(edited, old, new, match):
     path = edited(old, new)
-    start = time.perf_counter()
+    start = time.process_time()
 
     with pytest.raises(ms.errors.ReadError, match=match):
         ms.read(path)
 
-    assert time.perf_counter() - start < QUICK
+    assert time.process_time() - start < QUICK
 
 
 def test_zip_bomb_is_refused_from_the_directory(sample, tmp_path):
@@ -209,12 +209,12 @@ def test_zip_bomb_is_refused_from_the_directory(sample, tmp_path):
         archive.writestr("main.xml", source.read("main.xml"))
     path = tmp_path / "bomb.x3p"
     path.write_bytes(stream.getvalue())
-    start = time.perf_counter()
+    start = time.process_time()
 
     with pytest.raises(ms.errors.CorruptFileError, match="larger than it may be"):
         ms.read(path)
 
-    assert time.perf_counter() - start < 0.5
+    assert time.process_time() - start < 0.5
 
 
 def test_bomb_that_claims_a_matching_map_needs_consent(edited, monkeypatch):
@@ -345,12 +345,12 @@ def test_point_cloud_of_x3pio_on_a_grid_is_a_surface(tmp_path):
 def test_scattered_points_are_unsupported(tmp_path, points):
     path = tmp_path / "cloud.x3p"
     x3pio.write_points(path, np.asarray(points))
-    start = time.perf_counter()
+    start = time.process_time()
 
     with pytest.raises(ms.errors.UnsupportedFeatureError, match="are scattered, not on a regular"):
         ms.read(path)
 
-    assert time.perf_counter() - start < QUICK
+    assert time.process_time() - start < QUICK
 
 
 def test_points_take_no_lateral_step_and_count_as_pixels(repository):

@@ -61,8 +61,6 @@ _LONG: Final = 2**18
 _WIDE: Final = 2**14
 """Characters of a line from which pandas, which makes each column by itself, is slower again."""
 
-_PLAIN = frozenset("0123456789+-.,;|eE \t\n")
-
 DECIMAL_SHOWN = {
     mark: re.compile(
         rf"(?<![\d.,])(?:0\d*{m}\d|\d{{4,}}{m}\d|\d{{1,3}}{m}(?:\d{{1,2}}|\d{{4,}})(?![\d.,])|{m}\d|"
@@ -74,6 +72,7 @@ DECIMAL_SHOWN = {
 
 _REMARK = re.compile(r"\s+[#%]\s*[^\W\d].*")
 """What somebody wrote behind a row."""
+_RULE = re.compile(r"([-=_])\1{2}")
 _RULED = "-=*~_<>[] "
 """What people put round a line below a table: --- end ---."""
 
@@ -316,13 +315,13 @@ class Body:
     def _take_part(self, text: str, *, last: bool) -> Block:
         first, n_lines = self.line, text.count("\n") + (not text.endswith("\n"))
         self.line += n_lines
-        numbers = self._fast(text, n_lines, first)
-        if numbers is not None:
+        columns = self._fast(text, n_lines, first)
+        if columns is not None:
             lines = np.arange(first, first + n_lines, dtype=np.int64)
             self.ledger.count("data", n_lines)
             begin = text.rfind("\n", 0, len(text) - 1) + 1
             self.last_row = text[begin:]
-            block = Block([numbers[:, k] for k in range(self._n)], lines)
+            block = Block(columns, lines)
         else:
             block = self._line_by_line(text, first, last=last)
         if block.lines.size:
@@ -349,21 +348,29 @@ class Body:
                 hint="report this file: it is an error of metrosep",
             )
 
-    def _fast(self, text: str, n_lines: int, first: int) -> FloatArray | None:
-        """Return the rows of a block in which every line is plain, else ``None``."""
+    def _fast(self, text: str, n_lines: int, first: int) -> list[FloatArray | list[str]] | None:
+        """Return the columns of a block in which every line is a row, else ``None``.
+
+        The separators are counted, so that the compiled parser, which fills a short row in silence and
+        refuses a long one, can find neither.
+        """
         layout, dialect = self._layout, self._layout.dialect
         mark, options = dialect.separator, self._options
         if (
             not n_lines
-            or any(self._labels)
-            or dialect.thousands
-            or options.comment not in (None, NO_COMMENT)
-            or mark == ", "
-            or not _PLAIN.issuperset(text[:4096])
-            or any(r.start < first + n_lines and r.stop > first for r in options.skip_lines)
             or self._pending
+            or dialect.thousands
+            or mark == ", "
+            or options.comment not in (None, NO_COMMENT)
+            or (any(self._labels) and (self._unproven or _NO_LABEL.search(text)))
+            or any(r.start < first + n_lines and r.stop > first for r in options.skip_lines)
         ):
             return None
+        if '"' in text:
+            unquoted = _without_quotes(text, mark) if dialect.quoted else None
+            if unquoted is None:
+                return None
+            text, mark = unquoted, "\t"
         if mark != " ":
             if text.count(mark) != n_lines * (layout.n_raw - 1):
                 return None
@@ -375,15 +382,22 @@ class Body:
         if self._unproven and not self._prove(text):
             return None
         if dialect.decimal == ",":
-            if "." in text:
+            if "." in text or any(self._labels):
                 return None
             text = text.replace(",", ".")
+        missing = self._words - BEYOND if mark != " " else frozenset()
         try:
-            values = _numbers(text, mark)
+            columns = _columns_of(text, mark, self._labels, missing)
         except ValueError:
             return None
-        fits = values.shape == (n_lines, self._n) and bool(np.isfinite(values).all())
-        return values if fits else None
+        numbers = [c for c in columns if not isinstance(c, list)]
+        if len(columns) != self._n or any(len(c) != n_lines for c in columns):
+            return None
+        finite = [np.isfinite(c) for c in numbers]
+        if all(f.all() for f in finite):
+            return columns
+        whole = np.logical_or.reduce(finite)  # a row without any number is looked at
+        return columns if whole.all() and not any(np.isinf(c).any() for c in numbers) else None
 
     def _prove(self, text: str) -> bool:
         """Whether the block needs no closer look for what its decimal mark is."""
@@ -422,7 +436,7 @@ class Body:
                 self.comments.append(line.strip().lstrip('#%!;/" \t').rstrip('"'))
                 continue
             if '"' in line:
-                refuse_quotes(self._file, number, line)
+                refuse_quotes(self._file, number, line, dialect.separator)
             used = n_used(fields)
             if (remark := _REMARK.search(line)) and used >= self._n:
                 fields = self._without_remark(number, line, remark) or fields
@@ -535,6 +549,9 @@ class Body:
     def _is_text(self, fields: Sequence[str]) -> bool:
         """Whether a line is words, no row: it begins with a letter where a number should stand."""
         begin = fields[0].strip().strip('"')
+        ruled = " ".join(f.strip() for f in fields)
+        if not ruled.strip("-=_+*| ") and _RULE.search(ruled):  # -----: also a word for no reading
+            return len(fields) < self._n or not ruled.strip("=_+| ")
         if not any(self._labels):
             words = " ".join(fields).strip(_RULED + '"').lower().split()
             if words and all(w.isalpha() and w not in self._words for w in words):
@@ -673,30 +690,68 @@ class Body:
         return float(plain)
 
 
-def _numbers(text: str, mark: str) -> FloatArray:
-    """Return the numbers of lines of which the separators were counted; ValueError where one is odd.
+_NO_LABEL = re.compile(r"[#%!]|//|^\s*;", re.MULTILINE)
+"""What may begin a comment or a remark: such lines are looked at one by one."""
+
+
+def _without_quotes(text: str, mark: str) -> str | None:
+    """Return lines without the quotes round their fields, tabs between these; ``None`` where one is odd.
+
+    A quote opens behind a separator or a line end and closes before one; none may stand elsewhere.
+    """
+    if "\t" in text and mark != "\t":
+        return None
+    octets = np.frombuffer(f"\n{text}\n".encode(), dtype=np.uint8)
+    is_quote, is_end = octets == ord('"'), octets == ord("\n")
+    is_mark = octets == ord(mark)
+    at = np.flatnonzero(is_quote)
+    is_inside = np.cumsum(is_quote) % 2 == 1
+    bounds = is_mark | is_end
+    if (
+        at.size % 2
+        or not bounds[at[::2] - 1].all()
+        or not bounds[at[1::2] + 1].all()
+        or (is_inside & is_end).any()
+    ):
+        return None
+    plain = np.where(is_mark & ~is_inside, ord("\t"), octets)[~is_quote]
+    return plain.astype(np.uint8).tobytes().decode()[1:-1]
+
+
+def _columns_of(
+    text: str, mark: str, labels: Sequence[bool], missing: frozenset[str] | set[str]
+) -> list[FloatArray | list[str]]:
+    """Return the columns of lines of which the separators were counted; ValueError where one is odd.
 
     NumPy reads short texts, since pandas takes long to load; both give the nearest float.
     """
-    if len(text) < max(_LONG, _WIDE * (text.count("\n") + 1)):
-        return np.loadtxt(
+    if len(text) < _LONG or len(text) > _WIDE * (text.count("\n") + 1):
+        if any(labels):
+            raise ValueError
+        numbers = np.loadtxt(
             io.StringIO(text), delimiter=None if mark == " " else mark, comments=None, ndmin=2
         )
+        return [numbers[:, k] for k in range(numbers.shape[1])]
     import pandas as pd
 
     # from 3.1 on the usual way is exact, and naming it is deprecated
     before = tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1)
+    words = sorted({w for m in missing for w in (m, m.upper(), m.title())})
     frame = pd.read_csv(
         io.StringIO(text),
         header=None,
         sep=r"\s+" if mark == " " else mark,
-        dtype=np.float64,
+        dtype={k: object if label else np.float64 for k, label in enumerate(labels)},
         keep_default_na=False,
+        na_values={k: words for k, label in enumerate(labels) if not label},
         quoting=csv.QUOTE_NONE,
         low_memory=False,
         float_precision="round_trip" if before else None,
     )
-    return np.asarray(frame.to_numpy(), dtype=np.float64)
+    return [
+        list(map(str.strip, frame[k])) if label else frame[k].to_numpy(dtype=np.float64)
+        for k, label in zip(frame.columns, labels, strict=True)
+    ]
 
 
 def row_in_comment(fields: Sequence[str], layout: Layout) -> bool:
@@ -732,11 +787,17 @@ _FIELD_LINES = 12
 """Lines of the longest field in quotes."""
 
 
-def refuse_quotes(file: RawFile, number: int, line: str) -> None:
-    """Refuse a line whose double quotes do not pair up."""
-    if line.count('"') % 2:
+def refuse_quotes(file: RawFile, number: int, line: str, mark: str = "") -> None:
+    """Refuse a line whose double quotes do not pair up, or of which one ends within a field."""
+    problem = "the quotes do not pair up" if line.count('"') % 2 else ""
+    if len(mark) == 1 and mark != " " and not problem:
+        try:
+            list(csv.reader([line], delimiter=mark, skipinitialspace=True, strict=True))
+        except csv.Error:
+            problem = "something stands between a quote and the next separator"
+    if problem:
         raise file.corrupt(
-            "the quotes do not pair up",
+            problem,
             field=f"line {number}",
             found=repr(line[:40]),
             hint=f"correct that line, or leave it out with skip_lines='{number}'",
@@ -773,6 +834,8 @@ _MARKERS = frozenset(
     }
 )
 """Limits of the integers of converters."""
+_NULLS = frozenset({-999.25})
+"""What logs of wells write for "not measured": reported also where it stands once."""
 _BEYOND = 1e20
 _FAR = 5.0
 """A value of marker shape further away than so many times the spread of the others is refused."""
@@ -808,7 +871,11 @@ def marker_of(values: FloatArray) -> tuple[float, float, bool] | None:
         counts = {e: int(np.count_nonzero(rest == e)) for e in extremes}
         shaped = [e for e in extremes if _has_marker_shape(e) and counts[e] <= most]
         if not shaped or len(aside) == _MOST_MARKERS:
-            repeated = [e for e in extremes if _REPEATED <= counts[e] <= most]
+            repeated = [
+                e
+                for e in extremes
+                if (counts[e] >= _REPEATED or e in _NULLS) and counts[e] <= most
+            ]
             found = next((e for e in repeated if _distance(e, rest[rest != e]) > _VERY_FAR), None)
             return near if found is None else (found, _distance(found, rest[rest != found]), False)
         aside.append(shaped[0])

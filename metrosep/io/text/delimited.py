@@ -33,6 +33,7 @@ from metrosep.io.source import HEAD_BYTES, RawFile
 from metrosep.io.text.dialect import (
     NO_READING,
     Layout,
+    are_rows_like_comments,
     find_layout,
     header_unit,
     is_comment,
@@ -55,6 +56,7 @@ from metrosep.io.text.times import RunningClock, moments
 __all__ = ["channels", "parquet", "read", "sniff", "sqlite", "worksheet"]
 
 _DIGITS = re.compile(r"[\s\"'+.,;|-]*\d[\d.,;|'eE+\-\s\"]*(?:[,;|\t ]|$)")
+_JSON = re.compile(r"\s*(?:\{\s*\"|\[\s*[\[{])")
 _FEWEST = 3
 _MAX_TITLES = 5
 """Lines above a table with which a short text still counts as one."""
@@ -69,11 +71,15 @@ def sniff(file: RawFile) -> Match:
     text = head_text(file)
     if text is None:
         return Match.NO
+    if _JSON.match(text):
+        return Match.NO
     if any(is_marked(line.lstrip('# "')) for line in text.split("\n", _MARK_BELOW)[:_MARK_BELOW]):
         return Match.MAYBE
     lines = [line for line in text.split("\n") if line.strip() and not is_comment(line)]
     if len(file.head) == HEAD_BYTES and not text.endswith("\n"):
         lines = lines[:-1]
+    if len(lines) == 1 and are_rows_like_comments(text.split("\n")[:-1]):
+        return Match.MAYBE
     if not lines:  # comments as long as the head, such as a history that metrosep wrote
         rest = (s for s in first_lines(file) if s.strip() and not is_comment(s))
         lines = list(itertools.islice(rest, 300))

@@ -35,6 +35,7 @@ __all__ = [
     "WORDS",
     "Dialect",
     "Layout",
+    "are_rows_like_comments",
     "bare_unit",
     "encoding_hint",
     "find_column",
@@ -59,19 +60,19 @@ MISSING: Final = frozenset(
     {
         "", "nan", "-nan", "+nan", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind",
         "-1.#ind", "na", "n/a", "null", "none", "nil", "missing", "bad", "invalid", "void",
-        "no data", "nodata", *_SPREADSHEET,
+        "no data", "nodata", "(null)", "<na>", "nat", "n.a.", "--.--", "-.---", *_SPREADSHEET,
     }
     | {mark * n for mark in "-*" for n in range(1, 25)}
 )  # fmt: skip
 """Words, in lower case, for "not measured"."""
 
 BEYOND: Final = frozenset(
-    {"out of range", "saturated"}
+    {"out of range", "over range", "under range", "saturated"}
     | {s + w for s in ("", "+", "-") for w in ("inf", "infinity", "1.#inf", "\u221e")}
     | {
         s + w
         for s in ("", "+", "-")
-        for w in ("over", "under", "overflow", "overrange", "ol", "ovld")
+        for w in ("over", "under", "overflow", "overrange", "overload", "ol", "o.l", "ovld")
     }
 )
 """Words, in lower case, for a reading beyond the range of the sensor."""
@@ -184,6 +185,15 @@ def is_comment(line: str, prefix: str | None = None) -> bool:
     return False
 
 
+def are_rows_like_comments(lines: Sequence[str]) -> bool:
+    """Return whether all rows below names begin like a comment: their first field is a name such as #1."""
+    names, *rest = [line for line in lines if line.strip()] or [""]
+    mark = max("\t;|,", key=names.count)
+    n = names.count(mark)
+    alike = (is_comment(line) and line.count(mark) == n for line in rest)
+    return n > 0 and len(rest) > n and not is_comment(names) and all(alike)
+
+
 def is_number(field: str, decimal: str) -> bool:
     """Return whether a field is one number."""
     return _NUMBER[decimal].fullmatch(field.strip()) is not None
@@ -210,6 +220,7 @@ _COMMA = re.compile(r"^(.+?),\s*(\S+)$")
 """Where the comma separates the columns it stands in no name."""
 _FULL_WIDTH = {0xFF01 + k: 0x21 + k for k in range(94)} | {0x3000: " "}
 _SPACED = re.compile(r"^(.+?)\s+(pm|nm|um|\u00b5m|\u03bcm|mm|cm|urad|mrad|arcsec|deg|ms|us|mV)$")
+_OTHER_BRACKETS = re.compile(r"[{<]\s*([^{}<>]+?)\s*[}>]$")
 _BRACKETS = re.compile(r"^[\[(<]\s*(.*?)\s*[\])>]$")
 
 
@@ -246,7 +257,7 @@ def header_unit(header: str) -> tuple[str, Unit | None]:
     >>> header_unit("s / mm")[0], header_unit("s / mm")[1].name
     ('s', 'mm')
     """
-    text = header.translate(_FULL_WIDTH).strip()
+    text = _OTHER_BRACKETS.sub(r"[\1]", header.translate(_FULL_WIDTH).strip())
     name, unit = column_unit(text)
     if unit is not None:
         return name, unit
@@ -259,6 +270,10 @@ def header_unit(header: str) -> tuple[str, Unit | None]:
             if unit is not None and unit.dimension != "number":
                 return match.group(1).strip(" _"), unit
     return text, None
+
+
+_NO_NAMES = frozenset({"=", ":=", ":", "[", "{", "(", "|"})
+"""What stands behind the name of a variable, such as ``data =``, and is no name of a column."""
 
 
 def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
@@ -286,13 +301,13 @@ def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
         while len(names) > n_columns and not names[-1]:
             names.pop()
         if len(names) == n_columns and all(names):
-            return names
+            return None if any(n in _NO_NAMES for n in names) else names
         if mark == separator == " ":
             names = re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", text)
             if len(names) == n_columns:
-                return names
+                return names if _NO_NAMES.isdisjoint(names) else None
     names = text.split() if len(order) > 1 else []
-    return names if len(names) == n_columns else None
+    return names if len(names) == n_columns and _NO_NAMES.isdisjoint(names) else None
 
 
 _NO_WORD = re.compile("[\x80-\x9f]|[\xa0-\xff]{3}")
@@ -415,6 +430,8 @@ def find_layout(
     if not fits:
         raise _no_dialect(sample, path)
     best = _one_reading(_contenders(fits), sample, path, declared=wanted is not None)
+    if best.dialect.separator not in _NEVER_IN_NUMBERS and options.decimal is None:
+        _refuse_both_marks(sample, path)
     start = 0 if best.start == 0 else above + best.start
     unproven = options.decimal is None and options.thousands is None and not best.is_proven()
     dialect = best.dialect
@@ -510,7 +527,12 @@ def _fit(
         for i, k in enumerate(kinds)
         if start <= i and len(k) >= n and all(kind == "missing" for kind in k)
     }
-    return _Fit(dialect, start, n, n_raw, labels, dated, rows, unmeasured)
+    n_texts = sum(
+        kinds[i][k] == "label" and f.strip()[:1].isdigit()
+        for i, r in rows.items()
+        for k, f in enumerate(r)
+    )
+    return _Fit(dialect, start, n, n_raw, labels, dated, rows, unmeasured, n_texts)
 
 
 _COUNTED = frozenset({"number", "quantity"})
@@ -583,6 +605,9 @@ class _Fit(NamedTuple):
     dated: tuple[bool, ...]
     rows: dict[int, list[str]]
     unmeasured: set[int]
+    n_texts: (
+        int  # fields of the rows that hold digits and are neither a number nor one with a unit
+    )
 
     def values(self, index: int) -> list[str]:
         return [(self.dialect.plain(f) or f.strip()).removesuffix(".") for f in self.rows[index]]
@@ -627,7 +652,7 @@ def _contenders(fits: list[_Fit]) -> list[_Fit]:
     most = max(len(f.rows) for f in fits)
     fits = [f for f in fits if len(f.rows) >= most - int(_TOLERATED * most)]
     sure = [f for f in fits if f.dialect.separator in _NEVER_IN_NUMBERS and f.n_raw > 1]
-    return sorted(sure or fits, key=lambda f: -len(f.rows))
+    return sorted(sure or fits, key=lambda f: (-len(f.rows), f.n_texts))
 
 
 def _one_reading(fits: list[_Fit], sample: list[str], path: object, *, declared: bool) -> _Fit:
@@ -653,6 +678,22 @@ def _one_reading(fits: list[_Fit], sample: list[str], path: object, *, declared:
     return first
 
 
+def _refuse_both_marks(sample: Sequence[str], path: object) -> None:
+    """Refuse lines that a sure separator divides alike into numbers of both decimal marks."""
+    for mark in sorted(_NEVER_IN_NUMBERS):
+        split = [line.split(mark) for line in sample]
+        n = Counter(map(len, split)).most_common(1)[0][0]
+        rows = [[f.strip() for f in r] for r in split if len(r) == n > 1]
+        both = [
+            [f for r in rows for f in r if m in f and _NUMBER[m].fullmatch(f)] for m in (".", ",")
+        ]
+        if 2 * len(rows) > len(sample) and all(both):
+            raise AmbiguousFormatError(
+                f"{path}: numbers such as {both[0][0]!r} and {both[1][0]!r} have different decimal marks, and a "
+                f"file has one; export it with one mark, or name it with decimal= (and thousands= for groups)"
+            )
+
+
 def _looks_like_thousands(body: list[str], dialect: Dialect) -> bool:
     if dialect.separator == ",":
         return all(_THOUSANDS_COMMA.fullmatch(line) for line in body)
@@ -663,7 +704,7 @@ def _looks_like_thousands(body: list[str], dialect: Dialect) -> bool:
 
 
 def _no_dialect(sample: list[str], path: object) -> ReadError:
-    grouped = [line for line in sample if _THOUSANDS_SPACE.search(line) or "'" in line]
+    grouped = [s for s in sample if _THOUSANDS_SPACE.search(s) or re.search(r"\d'\d{3}", s)]
     mixed = [line for line in sample if re.search(r"\d,\d{3}\.\d|\d\.\d{3},\d", line)]
     if grouped or mixed:
         return AmbiguousFormatError(

@@ -111,7 +111,7 @@ def encoding_of(file: RawFile, size: int) -> str:
     It is what `decode` would find of the whole: strict UTF-8, or the code page of its words.
     """
     name = _encoding(file.head)
-    if name.startswith("utf-16"):
+    if name.startswith(("utf-16", "utf-32")):
         return name
     beyond, is_unicode = b"", name in ("utf-8", "utf-8-sig")
     with file.stream() as handle:
@@ -170,6 +170,8 @@ def _is_binary(data: bytes, text: str, name: str) -> bool:
 def _encoding(data: bytes) -> str:
     for mark, name in (
         (codecs.BOM_UTF8, "utf-8-sig"),
+        (codecs.BOM_UTF32_LE, "utf-32"),
+        (codecs.BOM_UTF32_BE, "utf-32"),
         (codecs.BOM_UTF16_LE, "utf-16"),
         (codecs.BOM_UTF16_BE, "utf-16"),
     ):

@@ -27,11 +27,18 @@ from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, likely_meaning, parse_unit
 from metrosep.io._roles import is_read_too, role_of, runs_in
-from metrosep.io.objects import ROW_ORDERS, SI_NAMES, make_surface, scaled, to_grid
+from metrosep.io.objects import SI_NAMES, make_surface, scaled, to_grid
 from metrosep.io.own_notes import header_notes
 from metrosep.io.several_runs import BLOCKS, FoundRuns, SeveralRunsError
 from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
-from metrosep.io.text.dialect import header_unit
+from metrosep.io.text.dialect import header_unit, is_other_unit
+from metrosep.io.text.matrices import (
+    declared_units,
+    is_matrix,
+    looks_like_points,
+    matrix,
+    shown_columns,
+)
 from metrosep.io.text.table import (
     Column,
     ColumnSpec,
@@ -42,14 +49,13 @@ from metrosep.io.text.table import (
     to_si,
     without_empty_rows,
 )
+from metrosep.io.text.times import counted_moments
 
 __all__ = [
     "SI_NAMES",
     "columns_as_object",
-    "is_matrix",
     "map_as_surface",
     "measurement",
-    "shown_columns",
     "unit_label",
     "unit_of",
 ]
@@ -82,6 +88,8 @@ def measurement(
     undeclared = all(c.unit is None for c in table.numbers)
     table = _with_units(file, table, unit)
     counted = any(given is not None for given in (sampling_rate, x, z, channel))
+    if not counted and time is None:
+        table = _with_counted_time(table)
     timed = _time_column(file, table, time, counted=counted)
     n_columns = len(table.columns)
     made = _Made(file, table, format_id, sensitivity(scale), {"labels": labels} if labels else {})
@@ -116,6 +124,26 @@ def measurement(
         if found is not None:
             raise SeveralRunsError(file.path, found) from None
         raise FormatMismatchError(f"{file.path}: {exc}") from None
+
+
+def _with_counted_time(table: Table) -> Table:
+    """Return the table with a clock that counts from an epoch in s from its first row, and a warning."""
+    for column in table.numbers if table.header.get("named", True) else ():
+        is_clock = role_of(column.name) == "time" or column.name.strip().casefold() == "filetime"
+        found = (
+            counted_moments(column.values)
+            if is_clock and column.unit is None and column.values is not None
+            else None
+        )
+        if found is not None:
+            made = replace(column, unit=parse_unit("s"), values=found[0])
+            columns = tuple(made if c is column else c for c in table.columns)
+            said = (
+                f"column {column.name!r} has no unit, and its numbers were read as {found[1]}; give time= with "
+                "another unit if that is wrong"
+            )
+            return replace(table, columns=columns, warnings=(*table.warnings, said))
+    return table
 
 
 def _numbered_runs(table: Table) -> FoundRuns | None:
@@ -278,6 +306,15 @@ def _time_column(
     for column in table.numbers if named else ():
         if column.unit is None and role_of(column.name) == "time":
             return column
+        if (
+            column.unit is not None
+            and column.unit.dimension == "length"
+            and role_of(column.name) == "time"
+        ):
+            raise UnitError(
+                f"{file.path}: column {column.name!r} is a time by its name and a length by its unit "
+                f"{column.unit.name}; correct the header (minutes are min), or name the columns with x= and z="
+            )
     if undecided and not counted:
         raise AmbiguousFormatError(next(iter(undecided.values())))
     return None
@@ -390,10 +427,11 @@ class _Made:
                     f"with skip_lines='{line}'"
                 )
             falls = np.empty(0, dtype=np.intp) if rises else np.flatnonzero(np.diff(t) < 0.0)
+            summer = falls.size == 1 and 3000.0 < t[falls[0]] - t[falls[0] + 1] <= 3600.0
             if (
                 falls.size
                 and timed.name in table.header.get("clocks", ())
-                and runs_in(table) is None
+                and (summer or runs_in(table) is None)
             ):
                 line, by = int(table.lines[falls[0] + 1]), float(t[falls[0]] - t[falls[0] + 1])
                 why = "; summer time seems to end there" if 3000.0 < by <= 3600.0 else ""
@@ -444,6 +482,8 @@ class _Made:
                 named = ", ".join(map(repr, sorted(blank)))
                 said = f"column {named} holds no number and was omitted"
                 self.table = table = replace(table, columns=kept, warnings=(*table.warnings, said))
+        if x is None and z is None and steps is None and len(self.table.numbers) > 2:
+            self.table = table = _without_surroundings(table)
         numbers = [c.name for c in table.numbers]
         if x is None and z is None:
             if len(numbers) == 1 and steps is not None:
@@ -491,6 +531,38 @@ class _Made:
             return Profile(positions, heights, **described)
         except DataError as exc:
             raise type(exc)(f"{exc}{_where_it_turns(positions, table)}") from None
+
+
+def _without_surroundings(table: Table) -> Table:
+    """Return the table without columns that cannot be a height, where names tell position and height.
+
+    Percent, temperatures and other quantities with their unit; a further length stays, and is asked for.
+    """
+    roles = [role_of(c.name) for c in table.numbers]
+    two = [
+        c
+        for c, role in zip(table.numbers, roles, strict=True)
+        if role in ("position", "height") and c.unit is not None and c.unit.dimension == "length"
+    ]
+    other = [c for c in table.numbers if c not in two]
+    aside = [
+        c
+        for c in other
+        if role_of(c.name) in ("temperature", "index")
+        or (c.unit is not None and c.unit.dimension in ("number", "temperature"))
+        or is_other_unit(re.split(r"[\[(]", c.name)[-1].rstrip(" )]"))
+    ]
+    if (
+        len(two) != 2
+        or roles.count("position") != 1
+        or roles.count("height") != 1
+        or aside != other
+    ):
+        return table
+    named = ", ".join(repr(c.name) for c in other)
+    said = f"column {named} is neither a position nor a height and was omitted"
+    kept = tuple(c for c in table.columns if c not in other)
+    return replace(table, columns=kept, warnings=(*table.warnings, said))
 
 
 def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[str, ...]]:
@@ -541,7 +613,30 @@ def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[st
                 ),
             ),
         )
+    ways = [_main_way(c.values) for c in (first, second)]
+    if table.header.get("named", True) and roles == [None, None] and max(ways) < _MOSTLY:
+        raise FormatMismatchError(
+            f"{file.path}: neither {first.name!r} nor {second.name!r} rises or falls throughout, so that none of "
+            f"them is a position; give sampling_rate= if they are channels over time, else {calls[0]}"
+        )
     return first.name, second.name, ()
+
+
+_MOSTLY = 0.8
+"""Share of the steps of one sign from which a column may be a position with a slip."""
+
+
+def _main_way(values: FloatArray | None) -> float:
+    """Return the share of the steps that go the way most of them go."""
+    steps = np.diff(values) if values is not None else np.empty(0)
+    steps = steps[np.isfinite(steps)]
+    half = steps.size // 2
+    ways = [
+        max(np.mean(s > 0.0), np.mean(s < 0.0))
+        for s in (steps, steps[:half], steps[half:])
+        if s.size
+    ]
+    return float(max(ways, default=0.0))
 
 
 def _where_it_turns(positions: FloatArray, table: Table) -> str:
@@ -594,6 +689,9 @@ def _is_monotonic(values: FloatArray | None, *, strictly: bool = True) -> bool:
     return bool((steps >= 0.0).all() or (steps <= 0.0).all())
 
 
+_BEGIN = frozenset("0123456789+-.,(\u2212")
+
+
 def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
     n = len(table.numbers)
     found = runs_in(table)
@@ -603,6 +701,17 @@ def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
         return FormatMismatchError(
             f"{file.path}: columns x, y and z declare no unit; for a map give one for each, such as "
             "unit='um,um,nm'"
+        )
+    odd = [
+        c
+        for c in table.columns
+        if c.labels and 2 * sum(t[:1] in _BEGIN for t in c.labels if t) > len(c.labels)
+    ]
+    if n == 1 and odd and role_of(odd[0].name) in (None, "height", "position"):
+        shown = next(t for t in odd[0].labels or () if t[:1] in _BEGIN)
+        return FormatMismatchError(
+            f"{file.path}: column {odd[0].name!r} holds texts such as {shown!r}, which are not numbers that a "
+            "table may hold; export it as decimal numbers"
         )
     if n == 1:
         advice = "give the step of the positions with lateral_step='... um', or sampling_rate="
@@ -701,134 +810,3 @@ def columns_as_object(
     n = made[0].values.size if made and made[0].values is not None else 0
     table = Table(made, np.arange(1, n + 1, dtype=np.int64), {"columns": tuple(columns), **header})
     return measurement(file, table, format_id, **options)
-
-
-# ---- maps of heights as plain text: a matrix of heights, or the columns x, y, z, without any header ----
-# Nothing in such a file says what it holds. The caller does: one unit and a lateral step make a
-# matrix of heights; three units make points x, y, z.
-
-_SHOWN = 12
-"""Columns that a message lists."""
-_LEAST_COLUMNS = 3
-"""A table of one or two columns is a profile."""
-_POINTS = 3
-_FIRST_ROW = (
-    "the file does not say where its first row lies: it was taken as the row of the smallest y; turn "
-    "the rows (numpy.flipud) of an export that begins with the top row"
-)
-
-
-def declared_units(unit: Any) -> Any:
-    """Return what a caller wrote as unit: several in one text become one for each column.
-
-    Examples
-    --------
-    >>> declared_units("um, um, nm"), declared_units("x=um,z=nm"), declared_units("nm")
-    (('um', 'um', 'nm'), {'x': 'um', 'z': 'nm'}, 'nm')
-    """
-    if not isinstance(unit, str) or not ("," in unit or "=" in unit):
-        return unit
-    items = [item.strip() for item in unit.split(",")]
-    named = ["=" in item for item in items]
-    if not any(named):
-        return tuple(items)
-    if not all(named):
-        raise FormatMismatchError(
-            f"unit {unit!r} names the column of some units only; write um,um,nm or x=um,y=um,z=nm"
-        )
-    pairs = (item.split("=", 1) for item in items)
-    return {name.strip(): text.strip() for name, text in pairs}
-
-
-def is_matrix(table: Table) -> bool:
-    """Return whether a table holds only numbers, three and more columns, and no names of columns."""
-    plain = not table.header.get("named", True)
-    n = len(table.columns)
-    return plain and n >= _LEAST_COLUMNS and len(table.numbers) == n
-
-
-def looks_like_points(file: RawFile, table: Table) -> bool:
-    """Return whether three columns of numbers lie on a grid of the first two: x, y, z."""
-    columns = [c.values for c in table.columns if c.values is not None]
-    if len(columns) != _POINTS or len(table.columns) != _POINTS:
-        return False
-    try:
-        to_grid(file, columns[0], columns[1], columns[2])
-    except ReadError:
-        return False
-    return True
-
-
-def matrix(
-    file: RawFile,
-    table: Table,
-    format_id: str,
-    *,
-    steps: tuple[float, float] | None,
-    scale: float | None,
-) -> Surface:
-    """Return the map that a matrix of heights holds."""
-    units = {c.unit for c in table.columns}
-    if looks_like_points(file, table):
-        raise FormatMismatchError(
-            f"{file.path}: holds three columns without names that lie on a grid like points x, y, z; "
-            "give the unit of each with unit='um,um,nm' and no lateral step"
-        )
-    if steps is None or None in units:
-        missing = [
-            *(["unit='nm'"] if None in units else []),
-            *(["lateral_step='3 um'"] if steps is None else []),
-        ]
-        text = (
-            f"{file.path}: holds {len(table)} x {len(table.columns)} numbers without names of columns; "
-            f"for a map of heights give {' and '.join(missing)} (with your values)"
-        )
-        if steps is not None:
-            raise UnitError(text)
-        raise FormatMismatchError(text)
-    if len(units) > 1:
-        raise FormatMismatchError(
-            f"{file.path}: a map of heights has one unit; give one, such as unit='nm'"
-        )
-    _refuse_gaps(file, table)
-    z = np.column_stack(
-        [to_si(file, c, c.unit, dimension="length", role="z", scale=scale) for c in table.columns]
-    )
-    facts: dict[str, Any] = {"units": {"z": next(u.name for u in units if u is not None)}}
-    return make_surface(
-        file,
-        format_id,
-        z,
-        (None, None),
-        row_order=ROW_ORDERS[0],
-        header=table.header,
-        override=steps,
-        warnings=(*table.warnings, _FIRST_ROW),
-        lines=table.ledger,
-        **facts,
-    )
-
-
-def _refuse_gaps(file: RawFile, table: Table) -> None:
-    """Refuse empty lines between rows where an empty line may be a row without a value."""
-    if table.header.get("separator") != "\t":
-        return
-    gaps = np.flatnonzero(np.diff(table.lines) > 1)
-    if gaps.size:
-        line = int(table.lines[gaps[0]]) + 1
-        raise FormatMismatchError(
-            f"{file.path}: line {line} stands empty between rows of heights; write nan for each height "
-            "of a row that was not measured, or remove the line"
-        )
-
-
-def shown_columns(names: tuple[str, ...]) -> str:
-    """Return names of columns for a message, the first dozen of many.
-
-    Examples
-    --------
-    >>> shown_columns(("x", "z"))
-    'x, z'
-    """
-    rest = len(names) - _SHOWN
-    return ", ".join(names[:_SHOWN]) + (f" and {rest} more" if rest > 0 else "")

@@ -28,6 +28,7 @@ from metrosep.core.units import Unit, likely_meaning, parse_sensitivity, parse_u
 from metrosep.io.own_notes import is_marked
 from metrosep.io.source import RawFile
 from metrosep.io.text._rows import (
+    DECIMAL_SHOWN,
     Block,
     Body,
     Ledger,
@@ -40,23 +41,19 @@ from metrosep.io.text._rows import (
 )
 from metrosep.io.text.dialect import (
     BEYOND,
+    NO_COMMENT,
     NO_READING,
-    Layout,
-    bare_unit,
+    are_rows_like_comments,
     encoding_hint,
     find_column,
     find_layout,
-    header_unit,
     is_comment,
-    is_number,
-    is_other_unit,
-    n_used,
     quantity,
-    split_header,
     unmeasured_rows,
 )
 from metrosep.io.text.encoding import decode, encoding_of, plain_ends
-from metrosep.io.text.times import Moments, is_moment, moments
+from metrosep.io.text.preamble import BEGUN, Preamble
+from metrosep.io.text.times import Moments, is_moment, may_be_minutes, moments
 
 __all__ = [
     "Column",
@@ -77,6 +74,8 @@ _SAMPLE = 300
 """Rows that are looked at first; further ones come from `_PLACES` parts of the rest."""
 _PLACES, _PLACE = 9, 2000
 _TAIL = 5000
+_FIRST_PART = 20_000
+"""Characters that show whether all rows begin with the mark of a comment."""
 _LONG_FIELD = 2000
 """Characters in which a field in quotes that takes several lines must end."""
 _FEW = 3
@@ -86,13 +85,9 @@ _WHOLE = 2.0**53
 _CONTAINERS = (b"PK\x03\x04", b"SQLite format 3\x00", b"PAR1", b"ARROW1")
 """First bytes of files that may hold tables: workbooks and archives, SQLite, Parquet, Feather."""
 _DECLARATION = re.compile(r'\s*"?sep=(.)"?\s*', re.IGNORECASE)
-_RULE = re.compile(r"(?=.*([-=_])\1{4})[-=_|+*\s]+")
-"""A line under the names: no word for "not measured" has five dashes in a row by itself."""
 _RUN = re.compile(r'"?run"?\s*[,;\t]')
 _SEPARATOR = re.compile(r"[,;\t]")
 _BLANKS = re.compile(r"\n+")
-_BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
-"""How a number begins, whatever follows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,6 +156,7 @@ def read_table(file: RawFile, **text: Any) -> Table:
     columns, clocks, undecided = with_moments(file, columns, rows.lines, source.head.options)
     columns = [*names, *columns]
     markers = refuse_markers(file, columns, rows.lines, source.head.options)
+    markers += _marked_bad(columns, rows.lines)
     header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
     if undecided:
         header["undecided"] = undecided
@@ -201,6 +197,8 @@ def _with_quantities(
             continue
         found = [quantity(t, head.layout.dialect) for t in texts]
         unit = next((f[1] for f in found if f is not None), None)
+        if head.layout.unproven:
+            _refuse_groups(file, column.name, texts, lines, head)
         if unit is None or 2 * sum(f is not None for f in found) <= sum(map(bool, texts)):
             continue
         values = np.full(len(texts), np.nan)
@@ -222,6 +220,31 @@ def _with_quantities(
 
 
 _DIGITS = frozenset("0123456789+-.,\u2212")
+
+
+def _refuse_groups(
+    file: RawFile, name: str, texts: Sequence[str], lines: NDArray[np.int64], head: TableHead
+) -> None:
+    """Refuse numbers with a unit such as 1,234 mm where none shows what the mark is."""
+    numbers = [t.rstrip("%\u00b0\u2032\u2033'\"" + _LETTERS) for t in texts]
+    decimal = head.layout.dialect.decimal
+    for mark in ",.":
+        other = "." if mark == "," else ","
+        grouped = [
+            i
+            for i, t in enumerate(numbers)
+            if re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}\{mark}\d{{3}}\s*", t)
+        ]
+        shown = mark == decimal and any(DECIMAL_SHOWN[mark].search(t) for t in numbers)
+        if grouped and not shown and not (mark == "." and decimal == "."):
+            raise AmbiguousFormatError(
+                f"{file.path}: line {int(lines[grouped[0]])}: column {name!r} holds {texts[grouped[0]]!r}, which is "
+                f"one or one thousand, and no number of the file shows which; give decimal='{mark}', or "
+                f"thousands='{mark}' with decimal='{other}'"
+            )
+
+
+_LETTERS = " abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ\u00b5\u03bc\u00c5"
 
 
 def with_moments(
@@ -267,6 +290,13 @@ def with_moments(
             found = {**{i: m for i, m in found.items() if i != day}, k: both}
     else:
         day = -1
+    for k in [k for k in clocks if k in found and found[k].kind == "clock"]:
+        if not (len(dates) == len(clocks) == 1) and may_be_minutes(texts[k]):
+            del found[k]
+            undecided[columns[k].name] = (
+                f"{file.path}: column {columns[k].name!r}: times such as {texts[k][0]!r} may be hours and minutes, "
+                "or minutes and seconds; write them as hh:mm:ss, or give sampling_rate="
+            )
     unit = parse_unit("s")
     made = [
         c
@@ -405,6 +435,80 @@ def refuse_markers(
     return found
 
 
+_BAD = frozenset(
+    [
+        "bad",
+        "ng",
+        "n.g.",
+        "nok",
+        "nio",
+        "n.i.o.",
+        "fail",
+        "failed",
+        "failure",
+        "fault",
+        "faulty",
+        "invalid",
+        "error",
+        "err",
+        "reject",
+        "rejected",
+        "outlier",
+        "void",
+        "false",
+        "overflow",
+        "overrange",
+        "uncertain",
+        "fehler",
+        "fehlerhaft",
+        "ungültig",
+        "schlecht",
+        "defekt",
+        "ausreisser",
+        "ausschuss",
+        "mauvais",
+        "invalide",
+        "erreur",
+        "rebut",
+        "errore",
+        "scarto",
+        "malo",
+        "erróneo",
+        "inválido",
+        "fallo",
+        "无效",
+        "异常",
+        "不合格",
+        "不良",
+        "無効",
+        "異常",
+        "エラー",
+    ]
+)
+"""What a column of words says of a row that was not measured well."""
+
+
+def _marked_bad(columns: Sequence[Column], lines: NDArray[np.int64]) -> list[str]:
+    """Return a warning for each column of words that calls some rows bad; they are read like the others."""
+    found = []
+    for column in columns:
+        bad = {t for t in set(column.labels or ()) if t.casefold() in _BAD}
+        at = [i for i, t in enumerate(column.labels or ()) if t in bad]
+        if 0 < len(at) < len(lines):
+            every = ",".join(str(lines[i]) for i in at[:_LISTED]) + (
+                ",..." if len(at) > _LISTED else ""
+            )
+            found.append(
+                f"column {column.name!r} says {min(bad)!r} in {len(at)} row(s) (first: line "
+                f"{int(lines[at[0]])}), which were read like the others; leave them out with skip_lines='{every}'"
+            )
+    return found
+
+
+_LISTED = 20
+"""Lines that a hint lists."""
+
+
 def without_empty_rows(table: Table) -> Table:
     """Return a table without the rows of which every field is empty, with a warning that names them."""
     filled = np.zeros(len(table), dtype=np.bool_)
@@ -479,6 +583,8 @@ class TableHead:
         others: list[tuple[int, str, str]] = []
         spans: dict[int, list[str]] = {}  # further lines of a name or a field in quotes
         position = number = n_measured = 0
+        if options.comment is None and are_rows_like_comments(text[:_FIRST_PART].split("\n")[:-1]):
+            options = replace(options, comment=NO_COMMENT)
         while position < len(text) and n_measured <= _SAMPLE:
             end = text.find("\n", position)
             end = len(text) if end < 0 else end
@@ -510,9 +616,9 @@ class TableHead:
                     above = (t.lstrip('# "') for _, t, k in others if k == "comment")
                     self.has_own_runs = any(map(is_marked, above))
                     n_marks = len(_SEPARATOR.findall(line))
-                if line.count('"') % 2:
+                if line.replace('["]', "").replace('(")', "").count('"') % 2:
                     rest = text[position : position + _LONG_FIELD].split("\n")
-                    more = spans[first] = lines_of_field([line, *rest], _BEGUN.match)
+                    more = spans[first] = lines_of_field([line, *rest], BEGUN.match)
                     line = " ".join([line, *more])
                     refuse_quotes(file, first, line)
                     position += sum(len(m) + 1 for m in more)
@@ -533,7 +639,7 @@ class TableHead:
             )
             named = [n for n, f in fields if n > header and row_in_comment(f, layout)]
             self.first_line = min([self.first_line, *named])
-        preamble = _Preamble(file, layout)
+        preamble = Preamble(file, layout)
         kinds = {
             place: preamble.take(line, place) or "preamble"
             for place, line in content[: layout.start]
@@ -593,179 +699,6 @@ def _usable(part: str, options: TextOptions) -> list[str]:
     """Return the whole lines of a part that may be rows."""
     lines = part.split("\n")[1:-1]
     return [line for line in lines if line.strip() and not is_comment(line, options.comment)]
-
-
-class _Preamble:
-    """The lines above a table: units, names, a count; text above the names is a preamble."""
-
-    def __init__(self, file: RawFile, layout: Layout) -> None:
-        self._file = file
-        self._dialect = layout.dialect
-        self._n, self._most, self._usual = layout.n, layout.n_raw, layout.n_usual
-        self.rows: list[list[str]] = []
-        self._names: list[str] | None = None
-        self._units: list[Unit | None] | None = None
-        self._as_written: list[str] = []  # the row of units
-        self._count: int | None = None
-        self._named_at = (0, "")
-        self._waiting: list[tuple[int, str]] = []
-        self.unnamed: tuple[str, ...] = ()
-        self._lost: list[int] = []  # rows of names with units above another row of names
-
-    def take(self, line: str, number: int) -> str | None:
-        """Return the class of a line; None where it waits to be refused."""
-        fields = [f.strip() for f in self._dialect.split([line])[0]]
-        while len(fields) > self._n and not fields[-1]:
-            fields.pop()
-        if self._n > 1 and len(fields) == 1 and fields[0].isdecimal():
-            self._count = int(fields[0])
-            return "count"
-        units = [bare_unit(f) for f in fields]
-        shared = len(fields) == 1 and units[0] is not None
-        empty = [not f.strip("[]() ") for f in fields]
-        known = all(
-            u is not None or e or (any(units) and is_other_unit(f))
-            for u, e, f in zip(units, empty, fields, strict=True)
-        )
-        if (shared or len(fields) == self._n) and known and not all(empty):
-            self._units = units * self._n if shared else units
-            self._as_written = fields * self._n if shared else fields
-            self.rows.append(fields)
-            return "units"
-        names = self._names_of(line)
-        if names is not None and not any(is_number(n, self._dialect.decimal) for n in names):
-            if all(_BEGUN.match(n) for n in names):
-                raise bad_field(self._file, number, names[0], "one of the columns")
-            if self._names is not None:
-                self._waiting.append(self._named_at)  # the last row of names counts
-                if any(header_unit(n)[1] for n in self._names) and not any(
-                    map(str.isdigit, self._named_at[1])
-                ):
-                    self._lost.append(self._named_at[0])
-                self.rows.remove(self._names)
-            self._names, self._named_at = names, (number, line.strip())
-            self.rows.append(names)
-            return "names"
-        if n_used(fields) == 0:
-            return "blank"
-        if _RULE.fullmatch(line):
-            return "preamble"
-        decimal = self._dialect.decimal
-        bad = [f for f in fields if not is_number(f, decimal) and f.lower() not in NO_READING]
-        begun = _BEGUN.match(fields[0]) is not None
-        if begun and len(fields) == self._n and 0 < len(bad) < self._n:
-            raise bad_field(self._file, number, bad[0], "one of the columns")
-        if all(_BEGUN.match(f) or f.lower() in NO_READING for f in fields):
-            raise self._file.corrupt(
-                "a row has another number of fields",
-                field=f"line {number} ({line.strip()[:60]!r})",
-                expected=f"{self._n} fields ({self._dialect})",
-                found=f"{len(fields)}",
-                hint=f"correct that line, or leave it out with skip_lines='{number}'",
-            )
-        self._waiting.append((number, line.strip()))
-        return None
-
-    def _names_of(self, line: str) -> list[str] | None:
-        """Return the names in a line; they may tell of columns that the rows leave empty, or of fewer."""
-        mark = self._dialect.separator
-        n = n_used(self._dialect.split([line])[0])
-        if mark not in {" ", ", "} and (self._n < n <= self._most or n == self._usual < self._n):
-            names = split_header(line, mark, n)
-            if names is not None and not any(is_number(m, self._dialect.decimal) for m in names):
-                self._n = n
-                return names
-        names = split_header(line, mark, self._n)
-        if names is not None or mark in {" ", ", "}:
-            return names
-        # a column without a name among others: the row numbers of pandas, R and Excel
-        fields = [f.strip().strip('"').strip() for f in self._dialect.split([line])[0]]
-        fields = fields[: self._n] if n <= self._n else fields
-        few = 2 * sum(map(bool, fields)) < self._n or len(fields) != self._n
-        if few or not any(header_unit(f)[1] for f in fields if f):
-            return None
-        self.unnamed = tuple(f"column{k}" for k, f in enumerate(fields, 1) if not f)
-        return [f or f"column{k}" for k, f in enumerate(fields, 1)]
-
-    @property
-    def named(self) -> bool:
-        """Whether a row or a comment names the columns."""
-        return self._names is not None
-
-    def rest(self) -> list[int]:
-        """Return the numbers of the lines above the row of names; one between the names and the numbers is refused.
-
-        Without names the line next to the numbers may be what remains of them.
-        """
-        odd = [
-            (n, line)
-            for n, line in self._waiting
-            if not line.lstrip('" [')[:1].isalpha() or n > self._named_at[0] > 0 or n in self._lost
-        ]
-        if not odd and self._names is None and self._waiting:
-            nearest = max(self._waiting)
-            odd = [nearest] if len(self._dialect.split([nearest[1]])[0]) > 1 else []
-        if odd:
-            first, line = min(odd)
-            every = ",".join(str(n) for n, _ in sorted(odd))
-            raise FormatMismatchError(
-                f"{self._file.path}: line {first} ({line[:40]!r}) is neither a row of {self._n} names, "
-                f"nor of units, nor of numbers; leave it out with skip_lines='{every}', or start it with '#'"
-            )
-        return [n for n, _ in self._waiting]
-
-    def take_comment(self, comments: Sequence[str]) -> None:
-        if self._names is not None or not comments or ":" in comments[-1]:
-            return
-        below = [bare_unit(f) for f in self._dialect.split([comments[-1].strip()])[0]]
-        if len(below) == self._n > 1 and len(comments) > 1 and all(below) and not self._units:
-            self._units, comments = list(below), comments[:-1]
-        names = split_header(comments[-1], self._dialect.separator, self._n)
-        if names is None or any(is_number(n, self._dialect.decimal) for n in names):
-            return
-        if self._n > 1 or header_unit(names[0])[1] is not None:
-            self._names = names
-
-    def columns(self) -> tuple[tuple[str, ...], tuple[Unit | None, ...]]:
-        raw = self._names or [f"column{i + 1}" for i in range(self._n)]
-        names: list[str] = []
-        known: dict[str, int] = {}  # how often each name was met
-        for name in raw:
-            unique = name
-            while unique in known:
-                known[name] += 1
-                unique = f"{name} ({known[name]})"
-            known[unique] = known.get(unique, 1)
-            names.append(unique)
-        for i, text in enumerate(self._as_written):
-            if is_other_unit(text) and any(map(str.isalpha, text)):
-                names[i] = f"{names[i]} [{text.strip('[]()<> ')}]"
-        units = [header_unit(n)[1] if self.named else None for n in raw]
-        for i, unit in enumerate(self._units or []):
-            own = units[i]
-            if own is not None and unit is not None and own != unit:
-                raise FormatMismatchError(
-                    f"{self._file.path}: column {names[i]!r} is in {own.name} by its name, but in "
-                    f"{unit.name} by the row of units; correct the header"
-                )
-            units[i] = own or unit
-        return tuple(names), tuple(units)
-
-    def warnings(self, n_rows: int) -> tuple[str, ...]:
-        """Return what is odd about the lines above a table of so many rows."""
-        found = []
-        if self._count is not None and self._count != n_rows:
-            found.append(f"the file declares {self._count} rows and holds {n_rows}")
-        if odd := encoding_hint(self.columns()[0]):
-            found.append(odd)
-        names, units = self.columns()
-        written = self._as_written or [""] * len(names)
-        for name, below, unit in zip(names, written, units, strict=True):
-            capital = "" if unit is None else unit.name.upper()
-            text = name if capital in name else below
-            if unit is not None and unit.name not in text and unit.name != capital in text:
-                found.append(f"column {name!r}: {capital} was read as {unit.name}")
-        return tuple(found)
 
 
 # ---- columns of a table picked by name and brought to SI, with a unit that somebody declared ----
@@ -829,6 +762,12 @@ def to_si(
     if unit is None and (odd := encoding_hint([column.name])):
         raise UnitError(
             f"{file.path}: the unit of column {column.name!r} ({role}) is not known: {odd}"
+        )
+    bracketed = re.search(r"[\[(<]\s*([^\])>]+?)\s*[\])>]\s*$", column.name)
+    if unit is None and bracketed:
+        raise UnitError(
+            f"{file.path}: column {column.name!r} ({role}) has {bracketed[1]!r} for its unit, which is not known "
+            f"as one of a {dimension}; correct the header, or give {role}=({column.name!r}, 'UNIT')"
         )
     if unit is None:
         raise UnitError(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError
 
-__all__ = ["Moments", "RunningClock", "is_moment", "moments"]
+__all__ = ["Moments", "RunningClock", "counted_moments", "is_moment", "may_be_minutes", "moments"]
 
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _GERMAN = {"mrz": 3, "mär": 3, "mai": 5, "okt": 10, "dez": 12}
@@ -61,6 +61,33 @@ class Moments:
 def is_moment(text: str) -> bool:
     """Return whether a field is a date, a time of day, or both."""
     return _MOMENT.fullmatch(text) is not None
+
+
+def may_be_minutes(texts: Sequence[str]) -> bool:
+    """Return whether times such as 12:30 may be hours and minutes, or minutes and seconds."""
+    known = [t for t in texts if t]
+    return bool(known) and all(re.fullmatch(r"\d{1,4}:\d\d", t) for t in known)
+
+
+_COUNTED = (
+    (1.2e17, 1.7e17, 1e-7, "ticks of 100 ns since 1601 (FILETIME)"),
+    (1e18, 2.2e18, 1e-9, "ns since 1970"),
+    (1e15, 2.2e15, 1e-6, "us since 1970"),
+    (1e12, 2.2e12, 1e-3, "ms since 1970"),
+    (1e9, 2.2e9, 1.0, "s since 1970"),
+    (3e9, 4.5e9, 1.0, "s since 1904 (LabVIEW)"),
+    (3e4, 7.5e4, 86400.0, "days of a spreadsheet"),
+)
+"""First and last number of each count of time in the years in which instruments write files."""
+
+
+def counted_moments(values: FloatArray) -> tuple[FloatArray, str] | None:
+    """Return numbers of a clock without a unit in s from the first, and what they count; else None."""
+    known = values[np.isfinite(values)]
+    for low, high, seconds, what in _COUNTED:
+        if known.size and low <= known.min() and known.max() <= high:
+            return (values - known[0]) * seconds, what
+    return None
 
 
 def moments(
@@ -135,6 +162,8 @@ class RunningClock:
                 self._form = own
             elif own != self._form:
                 raise self._odd(text, line, "is of another form than those above it")
+            if own == (False, "hh:mm"):
+                raise self._odd(text, line, "may be hours and minutes, or minutes and seconds")
             ns = part.ns or 0
             if part.date is not None:
                 ns += int(_day(*part.date).astype(np.int64)) * _DAY

@@ -1,0 +1,238 @@
+"""The lines above a table: names, units, a count of rows; whatever stands above the names is a preamble."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from metrosep.core.errors import FormatMismatchError
+from metrosep.core.units import Unit
+from metrosep.io.source import RawFile
+from metrosep.io.text._rows import bad_field
+from metrosep.io.text.dialect import (
+    NO_READING,
+    Layout,
+    bare_unit,
+    encoding_hint,
+    header_unit,
+    is_number,
+    is_other_unit,
+    n_used,
+    split_header,
+)
+
+__all__ = ["BEGUN", "Preamble"]
+
+_RULE = re.compile(r"(?=.*([-=_])\1{4})[-=_|+*\s]+")
+"""A line under the names: no word for "not measured" has five dashes in a row by itself."""
+_UNIT_WORDS = frozenset(
+    [
+        "unit",
+        "units",
+        "einheit",
+        "einheiten",
+        "unité",
+        "unités",
+        "unità",
+        "unidad",
+        "unidades",
+        "单位",
+        "單位",
+        "単位",
+    ]
+)
+"""What stands in front of a row of units."""
+_MICRO_ALONE = re.compile(r"(?<!\w)[\u00b5\u03bc][ )\]]*$")
+BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
+"""How a number begins, whatever follows."""
+
+
+class Preamble:
+    """The lines above a table: units, names, a count; text above the names is a preamble."""
+
+    def __init__(self, file: RawFile, layout: Layout) -> None:
+        self._file = file
+        self._dialect = layout.dialect
+        self._n, self._most, self._usual = layout.n, layout.n_raw, layout.n_usual
+        self.rows: list[list[str]] = []
+        self._names: list[str] | None = None
+        self._units: list[Unit | None] | None = None
+        self._as_written: list[str] = []  # the row of units
+        self._count: int | None = None
+        self._named_at = (0, "")
+        self._waiting: list[tuple[int, str]] = []
+        self.unnamed: tuple[str, ...] = ()
+        self._lost: list[int] = []  # rows of names with units above another row of names
+
+    def take(self, line: str, number: int) -> str | None:
+        """Return the class of a line; None where it waits to be refused."""
+        if _RULE.fullmatch(line):
+            return "preamble"
+        fields = [f.strip() for f in self._dialect.split([line])[0]]
+        if fields[0].rstrip(": ").casefold() in _UNIT_WORDS:
+            fields[0] = ""
+        while len(fields) > self._n and not fields[-1]:
+            fields.pop()
+        if self._n > 1 and len(fields) == 1 and fields[0].isdecimal():
+            self._count = int(fields[0])
+            return "count"
+        units = [bare_unit(f) for f in fields]
+        shared = len(fields) == 1 and units[0] is not None
+        empty = [not f.strip("[]() ") for f in fields]
+        known = all(
+            u is not None or e or (any(units) and is_other_unit(f))
+            for u, e, f in zip(units, empty, fields, strict=True)
+        )
+        if (shared or len(fields) == self._n) and known and not all(empty):
+            self._take_numbered_names(number)
+            self._units = units * self._n if shared else units
+            self._as_written = fields * self._n if shared else fields
+            self.rows.append(fields)
+            return "units"
+        names = self._names_of(line)
+        if names is not None and not any(is_number(n, self._dialect.decimal) for n in names):
+            if all(BEGUN.match(n) for n in names):
+                raise bad_field(self._file, number, names[0], "one of the columns")
+            if self._names is not None:
+                self._waiting.append(self._named_at)  # the last row of names counts
+                if any(header_unit(n)[1] for n in self._names) and not any(
+                    map(str.isdigit, self._named_at[1])
+                ):
+                    self._lost.append(self._named_at[0])
+                self.rows.remove(self._names)
+            self._names, self._named_at = names, (number, line.strip())
+            self.rows.append(names)
+            return "names"
+        if n_used(fields) == 0:
+            return "blank"
+        decimal = self._dialect.decimal
+        bad = [f for f in fields if not is_number(f, decimal) and f.lower() not in NO_READING]
+        begun = BEGUN.match(fields[0]) is not None
+        if begun and len(fields) == self._n and 0 < len(bad) < self._n:
+            raise bad_field(self._file, number, bad[0], "one of the columns")
+        if all(BEGUN.match(f) or f.lower() in NO_READING for f in fields):
+            raise self._file.corrupt(
+                "a row has another number of fields",
+                field=f"line {number} ({line.strip()[:60]!r})",
+                expected=f"{self._n} fields ({self._dialect})",
+                found=f"{len(fields)}",
+                hint=f"correct that line, or leave it out with skip_lines='{number}'",
+            )
+        self._waiting.append((number, line.strip()))
+        return None
+
+    def _take_numbered_names(self, number: int) -> None:
+        """Take the line above a row of units as names where some are numbers, such as those of channels."""
+        if self._names is not None or not self._waiting or self._waiting[-1][0] != number - 1:
+            return
+        names = split_header(self._waiting[-1][1], self._dialect.separator, self._n)
+        if names is not None and names[0][:1].isalpha():
+            self._named_at = self._waiting.pop()
+            self._names = names
+            self.rows.append(names)
+
+    def _names_of(self, line: str) -> list[str] | None:
+        """Return the names in a line; they may tell of columns that the rows leave empty, or of fewer."""
+        mark = self._dialect.separator
+        n = n_used(self._dialect.split([line])[0])
+        if mark not in {" ", ", "} and (self._n < n <= self._most or n == self._usual < self._n):
+            names = split_header(line, mark, n)
+            if names is not None and not any(is_number(m, self._dialect.decimal) for m in names):
+                self._n = n
+                return names
+        names = split_header(line, mark, self._n)
+        if names is not None or mark in {" ", ", "}:
+            return names
+        # a column without a name among others: the row numbers of pandas, R and Excel
+        fields = [f.strip().strip('"').strip() for f in self._dialect.split([line])[0]]
+        fields = fields[: self._n] if n <= self._n else fields
+        few = 2 * sum(map(bool, fields)) < self._n or len(fields) != self._n
+        if few or not any(header_unit(f)[1] for f in fields if f):
+            return None
+        self.unnamed = tuple(f"column{k}" for k, f in enumerate(fields, 1) if not f)
+        return [f or f"column{k}" for k, f in enumerate(fields, 1)]
+
+    @property
+    def named(self) -> bool:
+        """Whether a row or a comment names the columns."""
+        return self._names is not None
+
+    def rest(self) -> list[int]:
+        """Return the numbers of the lines above the row of names; one between the names and the numbers is refused.
+
+        Without names the line next to the numbers may be what remains of them.
+        """
+        odd = [
+            (n, line)
+            for n, line in self._waiting
+            if not line.lstrip('" [')[:1].isalpha() or n > self._named_at[0] > 0 or n in self._lost
+        ]
+        if not odd and self._names is None and self._waiting:
+            nearest = max(self._waiting)
+            odd = [nearest] if len(self._dialect.split([nearest[1]])[0]) > 1 else []
+        if odd:
+            first, line = min(odd)
+            every = ",".join(str(n) for n, _ in sorted(odd))
+            raise FormatMismatchError(
+                f"{self._file.path}: line {first} ({line[:40]!r}) is neither a row of {self._n} names, "
+                f"nor of units, nor of numbers; leave it out with skip_lines='{every}', or start it with '#'"
+            )
+        return [n for n, _ in self._waiting]
+
+    def take_comment(self, comments: Sequence[str]) -> None:
+        if self._names is not None or not comments or ":" in comments[-1]:
+            return
+        below = [bare_unit(f) for f in self._dialect.split([comments[-1].strip()])[0]]
+        if len(below) == self._n > 1 and len(comments) > 1 and all(below) and not self._units:
+            self._units, comments = list(below), comments[:-1]
+        names = split_header(comments[-1], self._dialect.separator, self._n)
+        if names is None or any(is_number(n, self._dialect.decimal) for n in names):
+            return
+        if self._n > 1 or header_unit(names[0])[1] is not None:
+            self._names = names
+
+    def columns(self) -> tuple[tuple[str, ...], tuple[Unit | None, ...]]:
+        raw = self._names or [f"column{i + 1}" for i in range(self._n)]
+        names: list[str] = []
+        known: dict[str, int] = {}  # how often each name was met
+        for name in raw:
+            unique = name
+            while unique in known:
+                known[name] += 1
+                unique = f"{name} ({known[name]})"
+            known[unique] = known.get(unique, 1)
+            names.append(unique)
+        for i, text in enumerate(self._as_written):
+            if is_other_unit(text) and any(map(str.isalpha, text)):
+                names[i] = f"{names[i]} [{text.strip('[]()<> ')}]"
+        units = [header_unit(n)[1] if self.named else None for n in raw]
+        for i, unit in enumerate(self._units or []):
+            own = units[i]
+            if own is not None and unit is not None and own != unit:
+                raise FormatMismatchError(
+                    f"{self._file.path}: column {names[i]!r} is in {own.name} by its name, but in "
+                    f"{unit.name} by the row of units; correct the header"
+                )
+            units[i] = own or unit
+        return tuple(names), tuple(units)
+
+    def warnings(self, n_rows: int) -> tuple[str, ...]:
+        """Return what is odd about the lines above a table of so many rows."""
+        found = []
+        if self._count is not None and self._count != n_rows:
+            found.append(f"the file declares {self._count} rows and holds {n_rows}")
+        if odd := encoding_hint(self.columns()[0]):
+            found.append(odd)
+        names, units = self.columns()
+        written = self._as_written or [""] * len(names)
+        for name, below, unit in zip(names, written, units, strict=True):
+            capital = "" if unit is None else unit.name.upper()
+            text = name if header_unit(name)[1] is not None else below
+            words = re.split(r"[^\w/]|_", text)
+            if unit is not None and unit.name not in words and unit.name != capital in words:
+                found.append(f"column {name!r}: {capital} was read as {unit.name}")
+            if unit is not None and _MICRO_ALONE.search(text):
+                found.append(
+                    f"column {name!r}: the sign {text.rstrip(' )]')[-1]} alone was read as {unit.name}"
+                )
+        return tuple(found)

@@ -1,0 +1,124 @@
+"""Tables long enough for the compiled parser: every writing gives the bits of float, every odd row is named."""
+
+import random
+import re
+import time
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+
+N = 24_000
+"""Rows of more than 256 KiB, from which the compiled parser reads."""
+AT = 17_001
+"""Index of the row that is changed; its line is two further."""
+MOST = 3.0
+"""Times the processor time of the same table without quotes: 1.2 was measured, 5 with a loop over the fields."""
+
+DRAW = random.Random(25)  # noqa: S311  a reproducible draw, no secret
+X = [f"{0.001 * k:.3f}" for k in range(N)]
+Z = [f"{DRAW.gauss(0.0, 3.0):.{DRAW.choice((3, 9, 16))}f}" for _ in range(N)]
+
+
+def comma(text):
+    return text.replace(".", ",")
+
+
+def quoted(text):
+    return f'"{text}"'
+
+
+# name: separator, how a field is written, how the second one is
+WRITTEN = {
+    "plain": (",", str, str),
+    "quoted": (",", quoted, quoted),
+    "one quoted": (",", str, quoted),
+    "semicolon": (";", comma, comma),
+    "semicolon quoted": (";", lambda t: quoted(comma(t)), lambda t: quoted(comma(t))),
+    "commas in quotes": (",", lambda t: quoted(comma(t)), lambda t: quoted(comma(t))),
+    "tab quoted": ("\t", quoted, quoted),
+    "pipe one quoted": ("|", quoted, str),
+    "blank": (" ", str, str),
+}
+ODD = {
+    "field lost": lambda x, z, mark: x,
+    "field too many": lambda x, z, mark: f"{x}{mark}{z}{mark}{z}",
+    "quote lost": lambda x, z, mark: f'"{x}{mark}{z}',
+    "text behind a quote": lambda x, z, mark: f'"{x}"5{mark}{z}',
+    "letter": lambda x, z, mark: f"{x}{mark}1O",
+    "row lost": lambda x, z, mark: "removed by hand",
+}
+
+
+def write(path, how, odd=None, z=Z):
+    mark, first, second = WRITTEN[how]
+    rows = [f"{first(a)}{mark}{second(b)}" for a, b in zip(X, z, strict=True)]
+    if odd is not None:
+        rows[AT] = ODD[odd](first(X[AT]), second(z[AT]), mark)
+    path.write_text(mark.join(map(first, ("x_mm", "z_um"))) + "\n" + "\n".join(rows) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("how", WRITTEN)
+def test_numbers_have_the_bits_of_float(tmp_path, how):
+    found = ms.read(write(tmp_path / "long.txt", how))
+
+    assert found.x.tolist() == (np.array(list(map(float, X))) * 1e-3).tolist()
+    assert found.z.tolist() == (np.array(list(map(float, Z))) * 1e-6).tolist()
+    assert found.metadata["warnings"] == ()
+    assert found.metadata["lines"]["data"] == N
+
+
+@pytest.mark.parametrize("how", ["plain", "quoted", "one quoted", "commas in quotes"])
+@pytest.mark.parametrize("odd", ODD)
+def test_one_odd_row_is_named(tmp_path, how, odd):
+    with pytest.raises(ms.errors.ReadError) as caught:
+        ms.read(write(tmp_path / "long.txt", how, odd))
+
+    assert re.search(rf"\bline {AT + 2}\b", str(caught.value)), str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("how", "word"),
+    [
+        ("plain", ""),
+        ("quoted", "NaN"),
+        ("one quoted", ""),
+        ("semicolon quoted", "#NV"),
+        ("pipe one quoted", "---"),
+    ],
+)
+def test_words_for_not_measured_are_nan_in_their_row_only(tmp_path, how, word):
+    z = [word if k % 1000 == 1 else v for k, v in enumerate(Z)]
+    found = ms.read(write(tmp_path / "long.txt", how, z=z))
+
+    assert np.flatnonzero(np.isnan(found.z)).tolist() == list(range(1, N, 1000))
+    assert found.metadata["lines"]["data"] == N
+
+
+def test_labels_stay_with_their_rows(tmp_path):
+    path = tmp_path / "long.csv"
+    names = [f"lauf {1 + 3 * k // N}" for k in range(N)]
+    rows = [f"{r},{a},{b}" for r, a, b in zip(names, X * 2, Z, strict=False)]
+    path.write_text("run,x_mm,z_um\n" + "\n".join(rows) + "\n")
+
+    runs = ms.read_runs(path, x="x_mm", z="z_um", run="run")
+
+    assert [(r.run_id, len(r)) for r in runs] == [(f"lauf {k}", N // 3) for k in (1, 2, 3)]
+    assert runs[2].z[0] == float(Z[2 * N // 3]) * 1e-6
+
+
+def test_quotes_cost_no_loop_over_the_fields(tmp_path):
+    def seconds(how):
+        path = write(tmp_path / f"{how}.txt", how)
+        took = []
+        for _ in range(5):
+            started = time.process_time()
+            ms.read(path)
+            took.append(time.process_time() - started)
+        return min(took)
+
+    plain = seconds("plain")
+    for how in ("quoted", "one quoted", "semicolon quoted", "commas in quotes"):
+        assert seconds(how) < MOST * plain, how

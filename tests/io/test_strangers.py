@@ -1,0 +1,263 @@
+"""Files as instruments, spreadsheets and people of many countries write them; read off by eye, not by our code.
+
+Each case is what a stranger's program put round the same thirty readings, and what must come out of it.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+
+N = 30
+X = [0.25 * k for k in range(N)]
+Z = [round(1.7 * math.sin(0.37 * k) + 0.03 * k, 4) for k in range(N)]
+TIGHT = 1e-15
+"""Metres: far below a digit that the files hold."""
+
+
+def table(top, row, x=X, z=Z):
+    return (
+        "\n".join([top, *(row(k, a, b) for k, (a, b) in enumerate(zip(x, z, strict=True)))]) + "\n"
+    )
+
+
+def comma(value):
+    return f"{value:g}".replace(".", ",")
+
+
+HALF = [0.5 * k for k in range(N)]
+TENTHS = [round(10 * z) for z in Z]
+INCH = [round(x / 25.4, 6) for x in X]
+
+# text, positions in m, heights in m
+READ = {
+    "a unit with a decimal comma beside whole numbers": (
+        table("Weg;Höhe", lambda k, x, z: f"{comma(HALF[k])} mm;{TENTHS[k]} µm"),
+        [v * 1e-3 for v in HALF],
+        [v * 1e-6 for v in TENTHS],
+    ),
+    "the same in quotes between commas": (
+        table("Weg,Höhe", lambda k, x, z: f'"{comma(HALF[k])} mm","{TENTHS[k]} µm"'),
+        [v * 1e-3 for v in HALF],
+        [v * 1e-6 for v in TENTHS],
+    ),
+    "the sign of inches in the header": (
+        table('x ["];z [um]', lambda k, x, z: f"{INCH[k]};{z}"),
+        [v * 25.4e-3 for v in INCH],
+        [v * 1e-6 for v in Z],
+    ),
+    "thousandths of an inch": (
+        table("x (thou),z (um)", lambda k, x, z: f"{k},{z}"),
+        [k * 25.4e-6 for k in range(N)],
+        [v * 1e-6 for v in Z],
+    ),
+    "a column of percent": (
+        table("x_mm;z_um;LF [%]", lambda k, x, z: f"{x};{z};45.1"),
+        [v * 1e-3 for v in X],
+        [v * 1e-6 for v in Z],
+    ),
+    "a column of temperatures between": (
+        table(
+            "Weg [mm];Temp [°C];Abweichung [µm]",
+            lambda k, x, z: f"{comma(x)};20,{k % 9};{z:.4f}".replace(".", ","),
+        ),
+        [v * 1e-3 for v in X],
+        [v * 1e-6 for v in Z],
+    ),
+    "units in braces": (
+        table("Position {mm};Height <um>", lambda k, x, z: f"{x};{z}"),
+        [v * 1e-3 for v in X],
+        [v * 1e-6 for v in Z],
+    ),
+    "a word in front of the units": (
+        table("Name;X;Z\nUnits;mm;um", lambda k, x, z: f";{x};{z}"),
+        [v * 1e-3 for v in X],
+        [v * 1e-6 for v in Z],
+    ),
+    "rules above and below": (
+        table("x_mm   z_um\n====== ======", lambda k, x, z: f"{x:6.2f} {z:9.4f}")
+        + "====== ======\n",
+        [v * 1e-3 for v in X],
+        [v * 1e-6 for v in Z],
+    ),
+    "a printed frame": (
+        table("------\n|x_mm    |z_um    |\n------", lambda k, x, z: f"|{x:8.2f}|{z:8.4f}|")
+        + "------\n",
+        [v * 1e-3 for v in X],
+        [v * 1e-6 for v in Z],
+    ),
+    "names like comments in every row": (
+        table("id,x_mm,z_um", lambda k, x, z: f"#{k},{x},{z}"),
+        [v * 1e-3 for v in X],
+        [v * 1e-6 for v in Z],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", READ)
+def test_a_profile_is_what_a_person_reads(put, case):
+    text, x, z = READ[case]
+
+    found = ms.read(put(text))
+
+    np.testing.assert_allclose(found.x, x, rtol=0.0, atol=TIGHT)
+    np.testing.assert_allclose(found.z, z, rtol=0.0, atol=TIGHT)
+
+
+def test_channels_of_a_scope_are_named_by_numbers_above_their_units(put):
+    """Keysight: the row ``x-axis,1`` above ``second,Volt``."""
+    found = ms.read(
+        put(table("x-axis,1\nsecond,Volt", lambda k, x, z: f"{k * 1e-4:+.8E},{z:+.5E}"))
+    )
+
+    assert found.channels["1"].tolist() == [float(f"{z:.5E}") for z in Z]
+    assert found.units["1"] == "V"
+    assert found.metadata["warnings"] == ()
+
+
+@pytest.mark.parametrize("name", ["Source", "Sensor", "USB 1"])
+def test_a_capital_in_a_name_is_no_unit(put, name):
+    found = ms.read(put(table(f"{name},CH1\nSecond,Volt", lambda k, x, z: f"{k * 1e-4:.8E},{z}")))
+
+    assert found.metadata["warnings"] == ()
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["(null)", "<NA>", "NaT", "n.a.", "--.--", "Overload", "over range", "O.L", "+OVERLOAD"],
+)
+def test_words_of_instruments_for_no_reading_are_nan(put, word):
+    found = ms.read(put(table("x_mm;z_um", lambda k, x, z: f"{x};{word if k == 11 else z}")))
+
+    assert np.flatnonzero(np.isnan(found.z)).tolist() == [11]
+    beyond = word.casefold().lstrip("+") in ("overload", "over range", "o.l")
+    assert ("out of its range" in " ".join(found.metadata["warnings"])) == beyond
+
+
+# text, and what the message must name
+REFUSED = {
+    "1,234 mm may be a thousand": (
+        table("x;z", lambda k, x, z: f"{k + 1},{100 + k} mm;{10 + k} µm"),
+        r"line 2.*1,100 mm.*thousands=','",
+    ),
+    "two decimal marks": (
+        table("x_mm;z_um", lambda k, x, z: f"{x:.2f};{comma(z + 0.0001)}"),
+        r"0\.00.*different decimal marks",
+    ),
+    "numbers of sixteen": (
+        table("x_mm;z_um", lambda k, x, z: f"{x};0x{k:02X}"),
+        r"column 'z_um' holds texts such as '0x00'",
+    ),
+    "a unit in brackets that is none": (
+        table("x [mm];z [A]", lambda k, x, z: f"{x};{z}"),
+        r"'z \[A\]' \(z\) has 'A' for its unit",
+    ),
+    "a further length": (
+        table("x_mm;z_um;b_um", lambda k, x, z: f"{x};{z};{z + 1}"),
+        r"3 column\(s\)",
+    ),
+    "a name of a variable": (
+        table("data =\n", lambda k, x, z: f"   {x:8.4f}   {z:8.4f}"),
+        r"line 1 \('data ='\) is neither a row of 2 names",
+    ),
+    "quotes that end within a field": (
+        table("x_mm,z_um", lambda k, x, z: f'"{x}"5,{z}' if k == 4 else f'"{x}","{z}"'),
+        r"between a quote and the next separator, field line 6",
+    ),
+    "metres of time": (
+        table("t [m];z [um]", lambda k, x, z: f"{k};{z}"),
+        r"'t \[m\]' is a time by its name",
+    ),
+    "minutes or hours": (
+        table("Elapsed;z [um]", lambda k, x, z: f"00:{k:02d};{z}"),
+        r"'00:00' may be hours and minutes, or minutes and seconds",
+    ),
+    "summer time ends": (
+        table(
+            "Zeit;z [um]",
+            lambda k, x, z: f"27.10.2024 02:{45 + k if k < 15 else k - 15:02d}:00;{z}",
+        ),
+        r"line 17.*summer time",
+    ),
+    "two readings and no position": (
+        table("OUT1 [um],OUT2 [um]", lambda k, x, z: f"{z},{-z}"),
+        r"neither 'OUT1 \[um\]' nor 'OUT2 \[um\]' rises",
+    ),
+    "JSON": ('{"x_mm": [0.0, 0.25, 0.5],\n "z_um": [1.0, 2.0, 3.0]}\n', r"JSON"),
+    "braces": (table("", lambda k, x, z: f"{{{x}, {z}}},").lstrip(), r"braces"),
+    "XML": ('<?xml version="1.0"?>\n<d><p x="1" z="2"/></d>\n', r"is XML"),
+    "a header alone": ("x_mm,z_um\n", r"holds 1 line\(s\) of text and no row of numbers"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_read_is_named(put, case):
+    text, message = REFUSED[case]
+
+    with pytest.raises((ms.errors.ReadError, ms.errors.UnitError), match=message):
+        ms.read(put(text))
+
+
+def test_groups_with_a_unit_are_read_as_declared(put):
+    path = put(table("x;z", lambda k, x, z: f"{k + 1},{100 + k} mm;{10 + k} µm"))
+
+    assert ms.read(path, decimal=",").x[0] == pytest.approx(1.1e-3, rel=0.0, abs=TIGHT)
+    assert ms.read(path, thousands=",", decimal=".").x[0] == pytest.approx(1.1, rel=0.0, abs=TIGHT)
+
+
+# what stands in the column of time, and the seconds from the first row
+CLOCKS = {
+    "FILETIME": [133500000000000000 + 100_000 * k for k in range(N)],
+    "Datum": [f"{45418.5 + k * 0.01 / 86400:.12f}" for k in range(N)],
+    "timestamp": [1715032790000 + 10 * k for k in range(N)],
+}
+
+
+@pytest.mark.parametrize("name", CLOCKS)
+def test_a_clock_that_counts_from_an_epoch_is_read_with_a_warning(put, name):
+    found = ms.read(put(table(f"{name},z_um", lambda k, x, z: f"{CLOCKS[name][k]},{z}")))
+
+    step = np.arange(N) * 0.01
+    np.testing.assert_allclose(found.t, step, rtol=0.0, atol=2e-6)  # a day number has 0.6 us
+    assert f"column {name!r} has no unit" in " ".join(found.metadata["warnings"])
+
+
+def test_utf_32_is_text(put):
+    text = table("x_mm,z_um", lambda k, x, z: f"{x},{z}")
+
+    assert ms.read(put(text.encode("utf-32"))).z.tolist() == [z * 1e-6 for z in Z]
+
+
+@pytest.mark.parametrize(
+    ("column", "said"),
+    [
+        (lambda k: "bad" if k == 9 else "ok", "says 'bad' in 1 row(s) (first: line 11)"),
+        (lambda k: "False" if k == 9 else "True", "says 'False' in 1 row(s) (first: line 11)"),
+        (lambda k: "NG" if k in (2, 9) else "", "skip_lines='4,11'"),
+        (lambda k: "ok", ""),
+    ],
+)
+def test_a_word_beside_a_row_that_calls_it_bad_is_reported(put, column, said):
+    path = put(table("x_mm;z_um;flag", lambda k, x, z: f"{x};{z};{column(k)}"))
+
+    warnings = " ".join(ms.read(path).metadata["warnings"])
+
+    assert said in warnings
+    assert bool(said) == bool(warnings)
+
+
+def test_a_null_of_a_well_log_is_reported_where_it_stands_once(put):
+    path = put(table("x_mm;z_um", lambda k, x, z: f"{x};{-999.25 if k == 11 else z}"))
+
+    assert "holds -999.25 in 1 row(s) (first: line 13)" in " ".join(
+        ms.read(path).metadata["warnings"]
+    )
+
+
+def test_the_sign_of_micro_alone_is_a_micrometre_with_a_warning(put):
+    found = ms.read(put(table("x [mm];z [µ]", lambda k, x, z: f"{x};{z}")))
+
+    assert found.z.tolist() == [z * 1e-6 for z in Z]
+    assert "µ alone" in " ".join(found.metadata["warnings"])
