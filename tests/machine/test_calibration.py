@@ -357,3 +357,47 @@ def test_readings_that_are_nan_are_left_out_and_counted():
     assert "2 readings are NaN" in " ".join(found.messages)
     bow = found.errors["EZX"].evaluate([0.0, 0.25, 0.5])
     assert_allclose(bow[1] - 0.5 * (bow[0] + bow[2]), -8e-6 * 0.25**2, rtol=0, atol=PM)
+
+
+def test_readings_refused_in_the_last_round_leave_the_fit_without_them(monkeypatch):
+    """A machine whose errors multiply (no noise at all) had readings refused in every round."""
+    monkeypatch.setattr("metrosep.machine._reading_problem.ROUNDS", 1)
+    x = np.linspace(0.0, 0.5, 60)
+    values = 3e-6 * (2 * x) ** 2 + 1e-9 * np.random.default_rng(3).normal(size=60)
+    values[[10, 40]] += 9e-9
+    line = ReadingSet(
+        Displacement(direction=(0, 0, 1)),
+        {"X": x, "Y": 0.0, "Z": 0.0},
+        values,
+        unknown=("offset", "slope"),
+        name="line",
+    )
+
+    found = calibrate(presets("mill_xyz"), [line], terms=["EZX"])
+
+    assert found.refused["line"] == 2
+    assert np.isnan(found.residuals["line"][[10, 40]]).all()
+    assert np.nanstd(found.residuals["line"]) < 1.5 * NM
+    coefficient = found.coefficients[found.names.index("EZX order 2")]
+    # (2x)^2 = (u + 1)^2 / 4, u from -1 to 1 over the travel, and u^2 = (2 P2 + 1) / 3
+    assert coefficient == pytest.approx(3e-6 / 6.0, abs=1 * NM)
+
+
+@pytest.mark.parametrize(("low", "high"), [(-95.0, 30.0), (-40.0, 110.0)])
+def test_motions_over_an_arc_are_orthogonal_to_an_axis_that_stands_elsewhere(low, high):
+    """By the integral over the arc, which does not depend on how many places somebody lays out."""
+    from scipy.integrate import quad
+
+    low, high = np.radians([low, high])
+    q = {n: 0.0 for n in "XYZC"} | {"A": np.linspace(low, high, 40)}
+    readings = ReadingSet(Nest(), q, np.zeros((40, 3)))
+
+    shapes = calibrate(
+        presets("five_axis", pivot_height=PIVOT), [readings], terms=["EYA", "EXA"], degrees=4
+    ).bases
+
+    for term, taken in (("EYA", (lambda a: 1.0, np.cos, np.sin)), ("EXA", (lambda a: 1.0,))):
+        for function in taken:
+            for k in range(len(shapes[term].orders)):
+                both = quad(lambda a: function(a) * shapes[term].at(np.array(a))[k], low, high)[0]
+                assert abs(both) < 1e-10
