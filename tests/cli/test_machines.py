@@ -385,7 +385,7 @@ def test_an_uncertainty_without_its_constant_or_of_another_kind_is_refused(call,
     (tmp_path / "c.toml").write_text(text + "\n")
     done = call(
         "machine-tables", "mill_xyz", str(tmp_path / "c.toml"), "--over", "X",
-        "--span", "X=0 mm..100 mm", "-o", str(tmp_path / "out"),
+        "--span", "X=0 mm..100 mm", "--spacing", "25 mm", "-o", str(tmp_path / "out"),
     )  # fmt: skip
     assert done.code != 0
     assert "C0Y" in done.err

@@ -389,15 +389,19 @@ def test_motions_over_an_arc_are_orthogonal_to_an_axis_that_stands_elsewhere(low
     from scipy.integrate import quad
 
     low, high = np.radians([low, high])
-    q = {n: 0.0 for n in "XYZC"} | {"A": np.linspace(low, high, 40)}
+    q = dict.fromkeys("XYZC", 0.0) | {"A": np.linspace(low, high, 40)}
     readings = ReadingSet(Nest(), q, np.zeros((40, 3)))
 
     shapes = calibrate(
         presets("five_axis", pivot_height=PIVOT), [readings], terms=["EYA", "EXA"], degrees=4
     ).bases
 
-    for term, taken in (("EYA", (lambda a: 1.0, np.cos, np.sin)), ("EXA", (lambda a: 1.0,))):
-        for function in taken:
-            for k in range(len(shapes[term].orders)):
-                both = quad(lambda a: function(a) * shapes[term].at(np.array(a))[k], low, high)[0]
-                assert abs(both) < 1e-10
+    def left(term, function, k):
+        def both(a):
+            return function(a) * shapes[term].at(np.array(a))[k]
+
+        return quad(both, low, high)[0]
+
+    for term, taken in (("EYA", (np.ones_like, np.cos, np.sin)), ("EXA", (np.ones_like,))):
+        found = [left(term, f, k) for f in taken for k in range(len(shapes[term].orders))]
+        assert_allclose(found, 0.0, rtol=0, atol=1e-10)
