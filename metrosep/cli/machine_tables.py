@@ -775,9 +775,10 @@ def terms_of(
     from metrosep.machine.error_sets import ErrorSet
 
     values: dict[str, Any] = {}
+    spreads: dict[str, str] = {}
     known: dict[str, list[tuple[float, float]]] = {}
     for file in _term_files(files):
-        read = _of_toml(file) if file.endswith(".toml") else read_term_table(file, kinds)
+        read = _of_toml(file, spreads) if file.endswith(".toml") else read_term_table(file, kinds)
         for name, (value, span) in read.items():
             if name in values:
                 raise click.UsageError(f"{file}: {name} is given twice")
@@ -786,7 +787,7 @@ def terms_of(
             if span is not None and axis is not None:
                 known.setdefault(axis, []).append(span)
     common = {a: (max(s[0] for s in v), min(s[1] for s in v)) for a, v in known.items()}
-    return ErrorSet(values), common
+    return ErrorSet(values, u=spreads), common
 
 
 def _term_files(given: Sequence[str]) -> list[str]:
@@ -826,8 +827,10 @@ def _calibrated(folder: Path) -> list[str]:
     return found
 
 
-def _of_toml(file: str) -> dict[str, tuple[Any, tuple[float, float] | None]]:
-    """Return constants, and results of separations, of a TOML file."""
+def _of_toml(
+    file: str, spreads: dict[str, str]
+) -> dict[str, tuple[Any, tuple[float, float] | None]]:
+    """Return constants, and results of separations, of a TOML file; u of constants join the spreads."""
     from metrosep.core.errors import DataError
     from metrosep.machine.chain_files import toml_table
     from metrosep.recipe.result import load_document, stored_estimate
@@ -844,4 +847,9 @@ def _of_toml(file: str) -> dict[str, tuple[Any, tuple[float, float] | None]]:
             found[name] = (estimate, estimate.fit_range)
         else:
             found[name] = (value, None)
+    for key in [k for k in found if k.startswith("u_")]:
+        name = key.removeprefix("u_")
+        if name not in found or found[name][1] is not None or found[key][1] is not None:
+            raise DataError(f"{file}: {key} is the uncertainty of a constant that is not there")
+        spreads[name] = found.pop(key)[0]
     return found

@@ -39,7 +39,7 @@ __all__ = ["path"]
 @click.option(
     "--machine",
     metavar="MACHINE",
-    help="Correct IN, a list of positions of all axes, for the errors of a machine: a preset or TOML.",
+    help="Correct IN, a program or list of positions of all axes, for the errors of a machine: a preset or TOML.",
 )
 @click.option("--pivot-height", metavar="LENGTH", help="With --machine five_axis.")
 @click.option("--tool", metavar="X,Y,Z", help="With --machine: tool point in the last frame.")
@@ -151,8 +151,10 @@ def path(
     MAP holds actual minus nominal, heights out of the material, over the part or along X. Turn the
     sense of C once on the machine before you trust it: a wrong --c-sense mirrors the correction.
 
-    With --machine every axis of a list of positions (X_mm,Y_mm,Z_mm,A_deg,C_deg) is corrected for the
-    error terms of --error, files as for 'machine-tables' or a folder that 'calibrate' wrote.
+    With --machine every axis of IN is corrected for the error terms of --error, files as for
+    'machine-tables' or a folder that 'calibrate' wrote. IN is a list of positions
+    (X_mm,Y_mm,Z_mm,A_deg,C_deg), or a program in words of all axes (X Y Z A C), whose blocks --tolerance
+    splits.
 
     Exit code 1: a correction above --stroke or a block faster than --blocks-per-s. 2: a wrong
     option, or an output that cannot be written. 4: a map or program that cannot be used, with line,
@@ -190,9 +192,10 @@ def path(
 
 _OF_MACHINES = ("pivot_height", "tool", "zeros", "max_step")
 _OF_PARTS = (
-    "centre", "c_sense", "c_zero", "tolerance", "decimals", "path_unit", "diameter", "c_rollover",
-    "harmless_m", "g_system", "outside", "blocks_per_s", "columns",
+    "centre", "c_sense", "c_zero", "decimals", "diameter", "c_rollover", "g_system", "outside",
+    "blocks_per_s", "columns",
 )  # fmt: skip
+_OF_PROGRAMS = ("tolerance", "path_unit", "harmless_m")
 
 
 def _poses(
@@ -206,8 +209,9 @@ def _poses(
     force: bool,
     as_json: bool,
 ) -> int:
-    """Correct a list of machine positions for the errors of the machine."""
+    """Correct a list of machine positions, or a program, for the errors of the machine."""
     from metrosep.cli.machine_tables import point_of, terms_of
+    from metrosep.controllers.gcode.machine_programs import is_program, rewrite_machine_program
     from metrosep.controllers.gcode.poses import rewrite_poses
     from metrosep.core.numbers import quantity
     from metrosep.core.units import format_length
@@ -215,6 +219,12 @@ def _poses(
     for name in _OF_PARTS:
         if options[name] not in (None, ()):
             raise click.UsageError(f"--{name.replace('_', '-')} does not go with --machine")
+    blocks = is_program(source)
+    for name in ("units",) if blocks else _OF_PROGRAMS:
+        if options[name] not in (None, ()):
+            option = "column-unit" if blocks else name.replace("_", "-")
+            what = "a program of G-code" if blocks else "a list of positions"
+            raise click.UsageError(f"--{option} does not go with {source}, which is {what}")
     chain = chain_of(machine, {"radius": None, "pivot_height": own["pivot_height"]})
     kinds = chain.dimensions
     given: dict[str, Any] = _lengths(options, ("resolution", "stroke"))
@@ -222,7 +232,13 @@ def _poses(
         given["tool"] = point_of(own["tool"])
     if own["max_step"] is not None:
         given["max_step"] = quantity(own["max_step"], "--max-step", "angle")
-    found = rewrite_poses(
+    if blocks:
+        given |= _lengths(options, ("tolerance",))
+        given |= {"unit": options["path_unit"], "harmless_m": options["harmless_m"]}
+    else:
+        given["units"] = dict(name_values(options["units"], "--column-unit"))
+    rewrite = rewrite_machine_program if blocks else rewrite_poses
+    found = rewrite(
         source,
         out,
         chain,
@@ -231,7 +247,6 @@ def _poses(
             a: quantity(v, f"--zero {a}", kinds.get(a, "length"))
             for a, v in name_values(own["zeros"], "--zero")
         },
-        units=dict(name_values(options["units"], "--column-unit")),
         again=options["again"],
         overwrite=force,
         **given,
@@ -240,8 +255,10 @@ def _poses(
         click.echo(json.dumps(found.audit, sort_keys=True, allow_nan=False))
         return 0
     for message in found.messages:
-        say(f"note: {message}")
-    say(f"{found.n_changed} of {found.n_points} positions changed")
+        say(f"note: {_words(message)}")
+    added = f", {found.audit['n_added']} blocks added" if blocks else ""
+    what = "blocks of" if blocks else "of"
+    say(f"{found.n_changed} {what} {found.n_points} positions changed{added}")
     say(
         f"error of the tool point, by the file: RMS {format_length(found.before, digits=4)} -> "
         f"{format_length(found.after, digits=4)}; of the tool axis {found.turn_before * 1e6:.4g} -> "

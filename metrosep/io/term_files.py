@@ -4,16 +4,18 @@ x_mm,EXX_um,EBX_urad        first column: the axis and its unit; the others: ter
 0,0.00,1.2
 
 C0Y = "12 urad"             TOML: a value with its unit for each constant
+u_C0Y = "0.5 urad"          its standard uncertainty, and u_EXX_um beside EXX_um in a table
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.atomic import read_plain
 from metrosep.core.errors import DataError, ReadError
 from metrosep.core.units import parse_quantity
@@ -24,6 +26,9 @@ __all__ = ["read_term_table", "table_texts", "term_texts"]
 
 _MOST_BYTES = 2**26
 
+
+_STRAIGHT, _MOST_PLACES = 1e-10, 6000
+"""m or rad by which a line between two places may miss a term, and when places are enough."""
 
 _U = "u_"
 """Before the name of a term: its standard uncertainty."""
@@ -141,11 +146,13 @@ def term_texts(
         Content by name of the file: ``constants.toml`` and ``X.csv`` for each axis.
     """
     texts: dict[str, str] = {}
-    constants = [
-        f'{name} = "{term.value * 1e6:.6f} {"urad" if is_angle(name) else "um"}"'
-        for name, term in terms.items()
-        if isinstance(term, ConstantTerm)
-    ]
+    constants = []
+    for name, term in terms.items():
+        if isinstance(term, ConstantTerm):
+            unit = "urad" if is_angle(name) else "um"
+            constants.append(f'{name} = "{term.value * 1e6:.6f} {unit}"')
+            if 0.0 < term.u < np.inf:
+                constants.append(f'{_U}{name} = "{term.u * 1e6:.6f} {unit}"')
     if constants:
         texts[term_file("", is_constant=True)] = "\n".join(constants) + "\n"
     by_axis: dict[str, list[str]] = {}
@@ -157,7 +164,7 @@ def term_texts(
         low = max(ranges[n][0] for n in names)
         high = min(ranges[n][1] for n in names)
         turns = axis in rotary
-        x = np.linspace(low, high, 361 if turns else 101)
+        x = _places([terms[n] for n in names], low, high, 361 if turns else 101)
         columns = [np.degrees(x) if turns else x * 1e3]
         head = [f"{axis.lower()}_{'deg' if turns else 'mm'}"]
         values = {n: np.asarray(terms[n].evaluate(x)) for n in names}
@@ -169,6 +176,20 @@ def term_texts(
         rows = [",".join(f"{v:.9f}" for v in row) for row in np.column_stack(columns)]
         texts[term_file(names[0], is_constant=False)] = "\n".join([",".join(head), *rows]) + "\n"
     return texts
+
+
+def _places(terms: Sequence[ErrorTerm], low: float, high: float, n: int) -> FloatArray:
+    """Return places so dense that straight lines between them follow the terms; corners are places."""
+    corners = [p for t in terms if isinstance(t, TableTerm) for p in t.positions if low < p < high]
+    while True:
+        x = np.unique(np.concatenate([np.linspace(low, high, n), corners]))
+        ends, middles = (
+            np.array([t.evaluate(at) for t in terms]) for at in (x, 0.5 * (x[1:] + x[:-1]))
+        )
+        off = np.abs(middles - 0.5 * (ends[:, 1:] + ends[:, :-1])).max()
+        if not off > _STRAIGHT or n > _MOST_PLACES:
+            return np.asarray(x)
+        n = 2 * n - 1
 
 
 def table_texts(terms: Mapping[str, ErrorTerm]) -> dict[str, str]:

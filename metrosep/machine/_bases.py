@@ -24,7 +24,7 @@ from metrosep.machine.elements import Element
 from metrosep.machine.terms import positions_array
 
 _LARGEST_GAP = math.radians(75.0)  # between places: of a full turn, by steps of 60 deg or less
-_PLACES = 721  # at which a part of a turn is made orthogonal
+_PLACES = 721  # over a range, of a bow
 _OWN = 1e-2  # of a shape: what orthogonality must leave of it
 _DROPPED = 1e-6  # of the largest part of a null direction
 
@@ -137,11 +137,12 @@ def _arc(
     if not orders:
         return None
     low, high = ends
-    x = np.linspace(low, high, _PLACES)
-    plain = Basis("arc", orders, low, high).legendre(x)
-    off = np.linalg.lstsq(_fixed(x, tilting), plain, rcond=None)[0].T
-    left = plain - _fixed(x, tilting) @ off.T
-    keep = np.linalg.norm(left, axis=0) > _OWN * np.linalg.norm(plain, axis=0)
+    nodes, weights = np.polynomial.legendre.leggauss(64)  # orthogonal by the integral over the arc
+    x, root = 0.5 * (high - low) * nodes + 0.5 * (high + low), np.sqrt(weights)[:, None]
+    plain, fixed = Basis("arc", orders, low, high).legendre(x), _fixed(x, tilting)
+    off = np.linalg.lstsq(root * fixed, root * plain, rcond=None)[0].T
+    left = root * (plain - fixed @ off.T)
+    keep = np.linalg.norm(left, axis=0) > _OWN * np.linalg.norm(root * plain, axis=0)
     kept = tuple(n for n, k in zip(orders, keep, strict=True) if k)
     return Basis("arc", kept, low, high, off=off[keep], tilting=tilting) if kept else None
 

@@ -28,6 +28,7 @@ _FEWEST = 30
 _WORTH = 3.0
 """By how much twice the log likelihood must rise before drift is taken for real (two parameters)."""
 _ROUNDS = 3
+_NOTHING = 1e-18  # m or rad: noise of readings that are all zero
 _ROUNDING = 1e-14
 _LIMITS = ((0.1, 60.0), (2.0, 2000.0))
 
@@ -78,7 +79,7 @@ class Gls:
             for k in range(len(self.stated))
         ]
         # the sum of squares is a difference of large numbers: below this it is their rounding
-        self.floor = max(_ROUNDING * float(np.mean(y**2)), np.finfo(np.float64).tiny)
+        self.floor = max(_ROUNDING * float(np.mean(y**2)), _NOTHING**2)
         self.judged = any(s.rows.size >= _FEWEST for s in self.streams)
 
     def best(self) -> Fit:

@@ -394,7 +394,12 @@ class Problem:
             for k, end in enumerate(system.ends):
                 good[k].reshape(-1)[system.rows[k][bad[begin:end]]] = False
                 begin = end
-        return fit, system, good  # type: ignore[possibly-undefined]
+        else:  # readings were refused in the last round too: fit what is left
+            system = self.assembled(current, good)
+            fit = Gls(
+                (system.X / system.sizes) @ system.V, system.y, system.streams, stated
+            ).best()
+        return fit, system, good
 
     def lacking(
         self,

@@ -25,6 +25,7 @@ from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_engineering, format_length
 from metrosep.machine._bases import Basis, CurveTerm, UnseenTerm, null_sentences
 from metrosep.machine._drift_noise import Fit
+from metrosep.machine._model_choice import raised_degrees, waves_left
 from metrosep.machine._reading_problem import (
     LARGEST,
     NULL,
@@ -249,7 +250,8 @@ def calibrate(
         One for each set-up, each with its readings in the order of time.
     degrees : int or mapping of str to int, optional
         Highest order of the polynomials (linear axes, part turns) or harmonics (full turns), by
-        axis or term. If omitted 3 and 2, and more as long as the residuals hold the next order.
+        axis or term. If omitted 3 and 2, and more where the residuals hold the next order, or where the
+        readings are likelier by more than further coefficients cost.
     terms : sequence of str, optional
         Error terms that may be at work; all of the axes that moved if omitted.
     home : mapping of str to float, m or rad, optional
@@ -309,8 +311,10 @@ def calibrate(
     with one_blas_thread():
         problem = Problem(chain, bases, list(sets))
         found = _fitted(problem, robust, homes)
+        free = [a for a in chain.axes if not is_stated(a, chain, degrees)]
         for _ in range(ROUNDS):
-            raised = {a: n for a, n in found.lacking.items() if not is_stated(a, chain, degrees)}
+            raised = {a: n for a, n in found.lacking.items() if a in free}
+            raised = raised or found.raised(problem, free, homes)
             if not raised:
                 break
             bases = {n: with_order(problem, n, raised, homes) for n in bases}
@@ -326,14 +330,21 @@ class _Found:
     fit: Fit
     system: System
     current: list[Instrument]
+    good: list[Any]
     lacking: Mapping[str, int]
+
+    def raised(
+        self, problem: Problem, axes: Sequence[str], homes: Mapping[str, float]
+    ) -> dict[str, int]:
+        """Return the axes whose curves must be of a higher degree, by likelihood."""
+        return raised_degrees(problem, self.current, self.good, self.system, self.fit, axes, homes)
 
 
 def _fitted(problem: Problem, robust: bool, homes: Mapping[str, float]) -> _Found:
     current, good = problem.start(robust)
     fit, system, good = problem.settled(current, good, robust)
     lacking = problem.lacking(current, good, system, fit, homes)
-    return _Found(fit, system, current, lacking)
+    return _Found(fit, system, current, good, lacking)
 
 
 def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Calibration:
@@ -369,6 +380,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         f"higher degree ({axis}={order}), u does not contain what is missing"
         for axis, order in found.lacking.items()
     ]
+    messages += waves_left(problem, system, fit)
     share = fit.beta.size * n_stated / max(system.y.size, 1)
     if n_stated:
         from scipy.stats import chi2 as chi2_of

@@ -561,6 +561,27 @@ def test_five_axes_get_the_sign_of_each_error(metrosep, stack):
     assert np.radians(row[3] + 30.0) * 1e6 == pytest.approx(-40.0, abs=1e-2)
 
 
+def test_a_program_with_rotary_words_is_corrected_and_split(metrosep, stack):
+    """X runs 10 um too far at X = 100 mm; 10 um before, by the slope of 1e-4, 1 nm less."""
+    (stack / "x.csv").write_text("x_mm,EXX_um\n0,0\n100,10\n200,0\n")
+    (stack / "part.nc").write_text("G21 G90\nG0 X0 Y50. Z30. A-30. C90.\nG1 X200. F500\n")
+    common = ("path", "part.nc", "--machine", "five_axis", "--pivot-height", "80 mm")
+    code, out, err = metrosep(
+        *common, "--error", "x.csv", "--tolerance", "10 nm", "-o", "one.nc", "--json"
+    )
+    assert code == 0, err
+    assert json.loads(out)["n_added"] == 1
+    assert (stack / "one.nc").read_text().splitlines()[-2:] == ["G1 X99.990001 F500", "X200."]
+    code, _, err = metrosep(*common, "--error", "x.csv", "-o", "two.nc", "--column-unit", "X=mm")
+    assert code == 2
+    assert "--column-unit does not go with part.nc, which is a program" in err
+    (stack / "part.csv").write_text("X_mm,Y_mm,Z_mm,A_deg,C_deg\n100,50,30,-30,90\n")
+    common = ("path", "part.csv", "--machine", "five_axis", "--pivot-height", "80 mm")
+    code, _, err = metrosep(*common, "--error", "x.csv", "--tolerance", "10 nm", "-o", "c.csv")
+    assert code == 2
+    assert "--tolerance does not go with part.csv, which is a list of positions" in err
+
+
 def test_the_folder_of_a_calibration_stands_for_its_own_terms_alone(metrosep, stack):
     """`calibrate` writes residuals beside its terms, and an older run may have left terms of other axes."""
     x = np.linspace(0.0, 400.0, 41)

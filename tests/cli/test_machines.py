@@ -378,3 +378,14 @@ def test_diagonals_from_files_give_squareness(call, tmp_path):
         assert abs(found["terms"][name]["values"][0] * 1e6 - value) < 0.1
     assert found["terms"]["EXX"]["values"] is None  # scales are never from diagonals
     assert any("EXX order 1" in n for n in found["null"])
+
+
+@pytest.mark.parametrize("text", ['u_C0Y = "1 urad"', 'C0Y = "1 urad"\nu_C0Y = "1 um"'])
+def test_an_uncertainty_without_its_constant_or_of_another_kind_is_refused(call, tmp_path, text):
+    (tmp_path / "c.toml").write_text(text + "\n")
+    done = call(
+        "machine-tables", "mill_xyz", str(tmp_path / "c.toml"), "--over", "X",
+        "--span", "X=0 mm..100 mm", "--spacing", "25 mm", "-o", str(tmp_path / "out"),
+    )  # fmt: skip
+    assert done.code != 0
+    assert "C0Y" in done.err

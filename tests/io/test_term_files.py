@@ -1,11 +1,13 @@
 """Files of identified terms: what stands in them is read by plain splitting."""
 
+import tomllib
+
 import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.io.term_files import read_term_table, term_texts
-from metrosep.machine.terms import TableTerm
+from metrosep.machine.terms import ConstantTerm, TableTerm
 
 UM, URAD = 1e-6, 1e-6
 KINDS = {"X": "length", "C": "angle"}
@@ -52,3 +54,33 @@ def test_uncertainties_that_belong_to_nothing_are_refused(tmp_path, text, error,
     (tmp_path / "X.csv").write_text(text)
     with pytest.raises(error, match=said):
         read_term_table(tmp_path / "X.csv", KINDS)
+
+
+class Wave:
+    def evaluate(self, x):
+        return 5 * UM * np.sin(3 * np.asarray(x))
+
+    def sd(self, x):
+        return np.full(np.shape(x), 0.2 * UM)
+
+
+def test_straight_lines_between_the_rows_follow_a_curve_and_its_corners():
+    """What reads the file joins its rows by straight lines: they may miss the term by 0.1 nm."""
+    corner = TableTerm([0.0, 0.1234567, 2.0], [0.0, 7 * UM, -3 * UM])
+    terms = {"EZC": Wave(), "EXC": corner}
+    (text,) = term_texts(terms, dict.fromkeys(terms, (0.0, 2.0)), {"C"}).values()
+
+    head, *rows = text.splitlines()
+    table = np.array([r.split(",") for r in rows], float).T
+    at = np.linspace(0.0, 2.0, 20011)
+    for name, term in terms.items():
+        read = np.interp(np.degrees(at), table[0], table[head.split(",").index(f"{name}_um")]) * UM
+        assert np.abs(read - term.evaluate(at)).max() < 0.15e-9
+
+
+def test_constants_have_their_uncertainty_beside_them():
+    terms = {"C0Y": ConstantTerm(12 * URAD, 0.5 * URAD), "X0C": ConstantTerm(-3 * UM)}
+    (text,) = term_texts(terms, {}, set()).values()
+    assert tomllib.loads(text) == {
+        "C0Y": "12.000000 urad", "u_C0Y": "0.500000 urad", "X0C": "-3.000000 um"
+    }  # fmt: skip

@@ -357,3 +357,123 @@ def test_readings_that_are_nan_are_left_out_and_counted():
     assert "2 readings are NaN" in " ".join(found.messages)
     bow = found.errors["EZX"].evaluate([0.0, 0.25, 0.5])
     assert_allclose(bow[1] - 0.5 * (bow[0] + bow[2]), -8e-6 * 0.25**2, rtol=0, atol=PM)
+
+
+def test_readings_refused_in_the_last_round_leave_the_fit_without_them(monkeypatch):
+    """A machine whose errors multiply (no noise at all) had readings refused in every round."""
+    monkeypatch.setattr("metrosep.machine._reading_problem.ROUNDS", 1)
+    x = np.linspace(0.0, 0.5, 60)
+    values = 3e-6 * (2 * x) ** 2 + 1e-9 * np.random.default_rng(3).normal(size=60)
+    values[[10, 40]] += 9e-9
+    line = ReadingSet(
+        Displacement(direction=(0, 0, 1)),
+        {"X": x, "Y": 0.0, "Z": 0.0},
+        values,
+        unknown=("offset", "slope"),
+        name="line",
+    )
+
+    found = calibrate(presets("mill_xyz"), [line], terms=["EZX"])
+
+    assert found.refused["line"] == 2
+    assert np.isnan(found.residuals["line"][[10, 40]]).all()
+    assert np.nanstd(found.residuals["line"]) < 1.5 * NM
+    coefficient = found.coefficients[found.names.index("EZX order 2")]
+    # (2x)^2 = (u + 1)^2 / 4, u from -1 to 1 over the travel, and u^2 = (2 P2 + 1) / 3
+    assert coefficient == pytest.approx(3e-6 / 6.0, abs=1 * NM)
+
+
+@pytest.mark.parametrize(("low", "high"), [(-95.0, 30.0), (-40.0, 110.0)])
+def test_motions_over_an_arc_are_orthogonal_to_an_axis_that_stands_elsewhere(low, high):
+    """By the integral over the arc, which does not depend on how many places somebody lays out."""
+    from scipy.integrate import quad
+
+    low, high = np.radians([low, high])
+    q = dict.fromkeys("XYZC", 0.0) | {"A": np.linspace(low, high, 40)}
+    readings = ReadingSet(Nest(), q, np.zeros((40, 3)))
+
+    shapes = calibrate(
+        presets("five_axis", pivot_height=PIVOT), [readings], terms=["EYA", "EXA"], degrees=4
+    ).bases
+
+    def left(term, function, k):
+        def both(a):
+            return function(a) * shapes[term].at(np.array(a))[k]
+
+        return quad(both, low, high)[0]
+
+    for term, taken in (("EYA", (np.ones_like, np.cos, np.sin)), ("EXA", (np.ones_like,))):
+        found = [left(term, f, k) for f in taken for k in range(len(shapes[term].orders))]
+        assert_allclose(found, 0.0, rtol=0, atol=1e-10)
+
+
+def line_along_x(curve, *, seed, drift=0.0):
+    """Readings of a laser along X, 101 places in the order of X, white noise of 0.1 um."""
+    rng = np.random.default_rng(seed)
+    x = np.linspace(0.0, 0.5, 101)
+    walk = np.zeros(101)
+    for i in range(1, 101):
+        walk[i] = 0.95 * walk[i - 1] + drift * rng.normal()
+    values = curve(x) + 0.1e-6 * rng.normal(size=101) + walk
+    return x, ReadingSet(
+        Displacement(direction=(1, 0, 0)),
+        {"X": x, "Y": 0.0, "Z": 0.0},
+        values,
+        unknown=("offset",),
+        name="laser",
+    )
+
+
+def test_a_smooth_curve_of_a_high_order_is_followed_and_not_taken_for_drift():
+    """Order 7 alone: the next order after 3 holds nothing of it, and drift would explain it badly."""
+
+    def seventh(x):
+        return 1e-6 * np.cos(7 * np.arccos(np.clip(4 * x - 1, -1, 1)))
+
+    for seed in (1, 2):
+        x, laser = line_along_x(seventh, seed=seed)
+        found = calibrate(presets("mill_xyz"), [laser], terms=["EXX"])
+        off = found["EXX"].evaluate(x) - (seventh(x) - seventh(0.0))
+        assert max(found.bases["EXX"].orders) >= 7
+        assert np.abs(off / np.maximum(found["EXX"].sd(x), 1e-12)).max() < 3.6
+        assert found["EXX"].sd(x).max() < 0.15e-6
+
+
+def test_drift_makes_no_curve_of_a_high_order():
+    orders = []
+    for seed in range(5):
+        x, laser = line_along_x(lambda x: 2e-6 * x / 0.5, seed=seed, drift=0.2e-6)
+        found = calibrate(presets("mill_xyz"), [laser], terms=["EXX"])
+        orders.append(max(found.bases["EXX"].orders))
+        off = found["EXX"].evaluate(x) - 2e-6 * x / 0.5
+        assert np.abs(off[1:] / found["EXX"].sd(x[1:])).max() < 4.5
+    assert max(orders) <= 5
+
+
+@pytest.mark.parametrize("length", [25e-3, 61e-3])
+def test_a_wave_that_no_order_follows_is_named_with_its_length_and_amplitude(length):
+    _, laser = line_along_x(lambda x: 1e-6 * np.sin(2 * np.pi * x / length + 0.3), seed=4)
+
+    (said,) = [
+        m
+        for m in calibrate(presets("mill_xyz"), [laser], terms=["EXX"], degrees=3).messages
+        if "repeats every" in m
+    ]
+
+    every, amplitude = (
+        float(said.split(word)[1].split(" ")[0]) for word in ("every ", "amplitude ")
+    )
+    assert "of X" in said
+    assert every == pytest.approx(length * 1e3, rel=0.04)
+    assert amplitude == pytest.approx(1.0 if " um;" in said else 1e3, rel=0.1)
+
+
+def test_noise_alone_is_no_wave():
+    said = [
+        m
+        for seed in range(30)
+        for m in calibrate(
+            presets("mill_xyz"), [line_along_x(lambda x: 0 * x, seed=seed)[1]], terms=["EXX"]
+        ).messages
+    ]
+    assert not [m for m in said if "repeats" in m]

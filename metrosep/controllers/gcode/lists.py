@@ -307,12 +307,13 @@ def write_list(
     audit: Mapping[str, object],
     *,
     overwrite: bool,
+    schema: str = "points",
 ) -> dict[str, object]:
-    """Write a corrected list with its sidecar, which is returned."""
+    """Write a corrected list or program with its sidecar, which is returned."""
     data = "".join(final).encode("latin-1")
     digest = hashlib.sha256(data).hexdigest()
     sidecar = {
-        "schema": "metrosep.points/1",
+        "schema": f"metrosep.{schema}/1",
         "metrosep": __version__,
         "source": start.name,
         "source_sha256": hashlib.sha256("".join(lines).encode("latin-1")).hexdigest(),

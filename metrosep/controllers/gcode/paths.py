@@ -314,12 +314,12 @@ def _stream(
                 hashes[1] = hashes[0]
     except MetrosepError as error:
         if str(error).startswith("line "):
-            raise _named(error, start) from None
+            raise named_error(error, start) from None
         raise
     return result[0]
 
 
-def _named(error: MetrosepError, path: Path) -> MetrosepError:
+def named_error(error: MetrosepError, path: Path) -> MetrosepError:
     """Return the same error with the file before its line."""
     named = type(error).__new__(type(error))
     named.__dict__.update(error.__dict__)

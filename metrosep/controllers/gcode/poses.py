@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,7 +47,7 @@ __all__ = ["PosesResult", "rewrite_poses"]
 _LARGEST_TURN = 10e-3
 """rad: no error of an axis of rotation that still works needs a larger correction."""
 
-_STEP_ANGLE = 1e-9
+STEP_ANGLE = 1e-9
 """rad: finest step of an angle that is written, 1 nm at a metre."""
 
 
@@ -181,34 +181,18 @@ def rewrite_poses(
     head, sep = layout(lines, start, None)
     columns = _axes_of(lines, head, sep, chain, units or {}, start)
     rows = rows_of(lines, head, sep, columns, start)
-    offset = _offsets(zero or {}, columns, chain)
+    offset = offsets_of(zero or {}, columns, chain)
     nominal = _positions(rows.values, columns, offset)
     found = correct_path(chain, errors, nominal, tool=tool, tool_axis=tool_axis, max_step=max_step)
     linear = {e.name for e in chain.elements if e.kind == "linear"}
-    for axis in linear & found.correction.keys():
-        largest = np.abs(found.correction[axis])
-        if largest.max() > limit:
-            i = int(np.argmax(largest))
-            raise LimitError(
-                f"{start}: line {rows.row[i] + 1}: the correction of {axis} is "
-                f"{format_length(float(largest[i]))}, the limit is {format_length(limit)}; are the errors "
-                "in another unit? give stroke= for larger ones"
-            )
-    for axis in found.correction.keys() - linear:
-        largest = np.abs(found.correction[axis])
-        if largest.max() > _LARGEST_TURN:
-            i = int(np.argmax(largest))
-            raise LimitError(
-                f"{start}: line {rows.row[i] + 1}: the correction of {axis} is "
-                f"{math.degrees(float(largest[i])):.3g} deg, the limit is "
-                f"{math.degrees(_LARGEST_TURN):.3g} deg; are the angle errors in another unit, or does the "
-                "path pass close to the singular pose?"
-            )
+    for axis, amounts in found.correction.items():
+        refuse = refuse_large if axis in linear else refuse_larger
+        refuse(axis, amounts, limit, rows.row, f"{start}: ")
     changed = 0
     for i, number in enumerate(rows.row):
         edits = []
         for axis, column in columns.items():
-            step = resolution if axis in linear else _STEP_ANGLE
+            step = resolution if axis in linear else STEP_ANGLE
             own = rows.texts[axis][i]
             digits = max(1, math.ceil(-math.log10(step / column.scale) - 1e-9), digits_of(own))
             amount = float(found.correction[axis][i]) / column.scale
@@ -219,22 +203,8 @@ def rewrite_poses(
             changed += 1
             rows.lines[number] = edited(rows.lines[number], sep, edits)
     actual = _positions(reread(rows, head, sep, columns, end).values, columns, offset)
-    sizes = _judged(chain, errors, nominal, actual, tool, tool_axis)
-    turned_away = sizes["turn_after_rms_rad"] > sizes["turn_before_rms_rad"] + 10.0 * _STEP_ANGLE
-    if changed and (turned_away or not sizes["after_rms_m"] < sizes["before_rms_m"]):
-        raise SignCheckFailedError(
-            f"{end}: the list would not shrink the error of the tool point, RMS "
-            f"{format_length(sizes['before_rms_m'])} -> {format_length(sizes['after_rms_m'])}, of its axis "
-            f"{sizes['turn_before_rms_rad']:.3g} -> {sizes['turn_after_rms_rad']:.3g} rad; nothing was "
-            "written"
-        )
-    audit = {
-        "kind": "machine",
-        "chain": chain.name,
-        "terms": sorted(str(n) for n in _names(errors)),
-        "tool_m": [float(v) for v in np.ravel(np.asarray(tool, dtype=np.float64))],
-        "zero_si": {a: float(v) for a, v in offset.items()},
-    }
+    sizes = judged(chain, errors, nominal, actual, tool, tool_axis, changed=changed, name=str(end))
+    audit = audit_of(chain, errors, tool, offset)
     final, mark = with_mark(rows, mark_text(tuple(columns), audit), changed)
     ranges = {a: (float(c.min()), float(c.max())) for a, c in found.correction.items()}
     messages = [*chain.messages, *found.messages]
@@ -311,14 +281,52 @@ def _unit(element: Any) -> str:
     return "deg" if element.kind == "rotary" else "mm"
 
 
-def _offsets(
-    zero: Mapping[str, float], columns: Mapping[str, ListColumn], chain: Chain
-) -> dict[str, float]:
-    """Return where each axis of the list has its zero in the machine."""
-    kinds = chain.dimensions
-    for unknown in zero.keys() - columns.keys():
-        raise DataError(f"zero names {unknown!r}; the axes of the list are {', '.join(columns)}")
-    return {a: numbers.quantity(zero.get(a, 0.0), f"zero of {a}", kinds[a]) for a in columns}
+def offsets_of(zero: Mapping[str, float], axes: Iterable[str], chain: Chain) -> dict[str, float]:
+    """Return where each axis of a file has its zero in the machine."""
+    kinds, axes = chain.dimensions, list(axes)
+    for unknown in zero.keys() - set(axes):
+        raise DataError(f"zero names {unknown!r}; the axes are {', '.join(axes)}")
+    return {a: numbers.quantity(zero.get(a, 0.0), f"zero of {a}", kinds[a]) for a in axes}
+
+
+def refuse_large(
+    axis: str, amounts: FloatArray, limit: float, rows: Sequence[int], where: str
+) -> None:
+    """Refuse a correction of a linear axis beyond the stroke; the line of its pose is named."""
+    i = int(np.argmax(np.abs(amounts)))
+    if abs(amounts[i]) > limit:
+        raise LimitError(
+            f"{where}line {rows[i] + 1}: the correction of {axis} is "
+            f"{format_length(float(abs(amounts[i])))}, the limit is {format_length(limit)}; are the errors "
+            "in another unit? give stroke= for larger ones"
+        )
+
+
+def refuse_larger(
+    axis: str, amounts: FloatArray, _limit: float, rows: Sequence[int], where: str
+) -> None:
+    """Refuse a correction of an axis of rotation that no working axis needs."""
+    i = int(np.argmax(np.abs(amounts)))
+    if abs(amounts[i]) > _LARGEST_TURN:
+        raise LimitError(
+            f"{where}line {rows[i] + 1}: the correction of {axis} is "
+            f"{math.degrees(float(abs(amounts[i]))):.3g} deg, the limit is "
+            f"{math.degrees(_LARGEST_TURN):.3g} deg; are the angle errors in another unit, or does the "
+            "path pass close to the singular pose?"
+        )
+
+
+def audit_of(
+    chain: Chain, errors: Errors, tool: ArrayLike, offset: Mapping[str, float]
+) -> dict[str, Any]:
+    """Return for what a file was corrected."""
+    return {
+        "kind": "machine",
+        "chain": chain.name,
+        "terms": sorted(str(n) for n in _names(errors)),
+        "tool_m": [float(v) for v in np.ravel(np.asarray(tool, dtype=np.float64))],
+        "zero_si": {a: float(v) for a, v in offset.items()},
+    }
 
 
 def _positions(
@@ -329,15 +337,18 @@ def _positions(
     return {a: values[a] * c.scale + offset[a] for a, c in columns.items()}
 
 
-def _judged(
+def judged(
     chain: Chain,
     errors: Errors,
     nominal: Mapping[str, FloatArray],
     written: Mapping[str, FloatArray],
     tool: ArrayLike,
     tool_axis: ArrayLike,
+    *,
+    changed: int,
+    name: str,
 ) -> dict[str, float]:
-    """Return the error of the tool point and of the tool axis by commands, with exact rotations."""
+    """Return the error of the tool point and of its axis by commands; refuse what does not shrink it."""
     axis = np.asarray(tool_axis, dtype=np.float64)
     axis = axis / np.linalg.norm(axis)
     goal = chain.transform(nominal, tool=tool)
@@ -348,6 +359,14 @@ def _judged(
         away = np.linalg.norm((actual[..., :3, :3] - goal[..., :3, :3]) @ axis, axis=-1)
         sizes[f"{name}_rms_m"] = float(np.sqrt(np.mean(off**2)))
         sizes[f"turn_{name}_rms_rad"] = float(np.sqrt(np.mean(away**2)))
+    turned_away = sizes["turn_after_rms_rad"] > sizes["turn_before_rms_rad"] + 10.0 * STEP_ANGLE
+    if changed and (turned_away or not sizes["after_rms_m"] < sizes["before_rms_m"]):
+        raise SignCheckFailedError(
+            f"{name}: the file would not shrink the error of the tool point, RMS "
+            f"{format_length(sizes['before_rms_m'])} -> {format_length(sizes['after_rms_m'])}, of its axis "
+            f"{sizes['turn_before_rms_rad']:.3g} -> {sizes['turn_after_rms_rad']:.3g} rad; nothing was "
+            "written"
+        )
     return sizes
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,7 +44,7 @@ from metrosep.controllers.gcode.state import (
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError, TableError
 
-__all__ = ["Rewriter"]
+__all__ = ["Rewriter", "format_feed", "require_plain"]
 
 _ROUNDING = 1e-6
 """Share of half a digit that binary numbers add to a rounding."""
@@ -559,7 +559,7 @@ def split_block(
 ) -> tuple[str, tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
     """Return the blocks that replace one, and the points that were added."""
     tokens = tokenize(original, line)
-    _require_plain(tokens, line)
+    require_plain(tokens, line)
     words = {t.letter: t for t in tokens if t.kind == "word"}
     if inverse_time and "F" not in words:
         why = "in inverse time (G93) every block needs an F word"
@@ -580,7 +580,7 @@ def split_block(
             "map; measure it there or shorten the path"
         )
     z_text = [format_number(v, digits) for v in z]
-    feed = format_number(words["F"].value * parts, _FEED_DIGITS) if inverse_time else ""
+    feed = format_feed(words["F"].value * parts) if inverse_time else ""
     eol = original[len(original.rstrip("\r\n")) :] or "\n"
     last = {t.letter: t.number for t in tokenize(corrected, line) if t.kind == "word"}
     lower = words["X" if "X" in words else "C" if "C" in words else "Z"].text[0].islower()
@@ -602,11 +602,14 @@ def split_block(
     return text, (z, x, c, np.full(parts - 1, float(digits)))
 
 
-def _require_plain(tokens: tuple[Token, ...], line: int) -> None:
+def require_plain(tokens: tuple[Token, ...], line: int, axes: Collection[str] = "XCZ") -> None:
+    """Refuse a block to be split that holds what must not happen before its end."""
     for token in tokens:
         if token.kind in ("space", "comment"):
             continue
-        plain = token.letter in "NXCZFS" or (token.letter == "G" and token.number in _MODES)
+        plain = (token.letter in axes or token.letter in "NFS") or (
+            token.letter == "G" and token.number in _MODES
+        )
         if token.kind != "word" or not plain:
             raise refuse_block(
                 line,
@@ -614,6 +617,11 @@ def _require_plain(tokens: tuple[Token, ...], line: int) -> None:
                 "the block has to be split, and this must not happen before its end",
                 "put it into a block of its own, or raise the tolerance",
             )
+
+
+def format_feed(value: float) -> str:
+    """Return the number of an F word."""
+    return format_number(value, _FEED_DIGITS)
 
 
 def _first(tokens: tuple[Token, ...], numbers: dict[str, str]) -> str:

@@ -73,6 +73,14 @@ _REFUSED: dict[int, tuple[str, str]] = {
         "cutter compensation moves the path",
         "let the post-processor compensate the tool radius",
     ),
+    **dict.fromkeys(
+        (434, 435),
+        (
+            "words are places on the part, not of the axes",
+            "post-process the path to axis positions",
+        ),
+    ),
+    682: ("the plane is tilted", "post-process the path to axis positions"),
     510: ("scaling changes positions", "post-process the path without it"),
     511: ("mirroring changes positions", "post-process the path without it"),
     520: ("it shifts the coordinates", _OFFSET_WAY),
@@ -113,7 +121,7 @@ _BELONGS: dict[str, tuple[frozenset[int], frozenset[int]]] = {
 
 _MOTIONS = frozenset({0, 10, 20, 30})
 _AXES = "XCZ"
-_OTHER_AXES = "YABUVW"
+_ALL_AXES = "XYZABCUVW"
 
 
 @dataclass(slots=True)
@@ -141,6 +149,8 @@ class ModalState:
     harmless_m: frozenset[int] = frozenset()
     g_system: str | None = None  # "A" or "B" of Fanuc lathes, or "mill"; None where nobody said
     ended: bool = False  # after M2 or M30
+    axes: str = _AXES  # letters of the axes that are corrected
+    spindle_axis: str = "C"  # whose place a turning spindle takes; empty where it turns the tool
     # to int: words for the person, with the line of the first occasion
     messages: dict[str, int] = field(default_factory=dict)
 
@@ -162,7 +172,7 @@ class ModalState:
                 return False
         self.begun |= any(t.kind not in ("space", "percent") for t in tokens)
         self._calls(tokens, line)
-        axes = {w.letter for w in words if w.letter in _AXES}
+        axes = {w.letter for w in words if w.letter in self.axes}
         codes = {_code(w, line) for w in words if w.letter == "G"}
         if any(t.kind == "slash" for t in tokens) and not all(
             w.letter == "N" or (w.letter == "M" and w.value in _OPTIONAL_M) for w in words
@@ -180,7 +190,7 @@ class ModalState:
             self._word(word, words, codes, line)
         self._take_feed(words, axes, codes, line)
         if codes & _HOMES:
-            self.away, self.lost = line, _AXES
+            self.away, self.lost = line, self.axes
             return False
         return bool(axes) and self._move(axes, codes, line)
 
@@ -190,7 +200,7 @@ class ModalState:
 
     def _refuse_cycle(self, codes: set[int], words: list[Token], line: int) -> None:
         """Refuse a turning cycle, and what may be one; later blocks with X alone repeat it."""
-        moving = any(w.letter in _AXES + _OTHER_AXES for w in words)
+        moving = any(w.letter in _ALL_AXES for w in words)
         if self.g_system == "A":
             found = codes & _OF_SYSTEM_A
         elif self.g_system is None and moving and not codes & (_MOTIONS | _ONE_SHOT):
@@ -231,7 +241,7 @@ class ModalState:
 
     def _word(self, word: Token, words: list[Token], codes: set[int], line: int) -> None:
         letter = word.letter
-        if letter in "XZCGFNST":
+        if letter in self.axes or letter in "GFNST":
             if letter == "T":
                 self._tool(word, words, line)
             return
@@ -239,13 +249,14 @@ class ModalState:
             self._m(word, words, line)
         elif letter == "O":
             self._program_number(word, words, line)
-        elif letter in _OTHER_AXES:
-            why = (
-                "U and W are incremental X and Z, or further axes"
-                if letter in "UW"
-                else ("the correction is looked up over X and C only")
-            )
-            raise refuse_block(line, word.text, why, "post-process the path to X, C and Z")
+        elif letter in _ALL_AXES:
+            why, known = "the correction is looked up over X and C only", "X, C and Z"
+            if self.axes != _AXES:
+                known = ", ".join(self.axes)
+                why = f"the axes of the machine are {known}"
+            elif letter in "UW":
+                why = "U and W are incremental X and Z, or further axes"
+            raise refuse_block(line, word.text, why, f"post-process the path to {known}")
         elif letter in "IJKR":
             why = "it belongs to an arc or a corner"
             raise refuse_block(line, word.text, why, _ARC_WAY)
@@ -277,7 +288,7 @@ class ModalState:
             self._tool(word, words, line)
         elif number in (3, 4, 5, 19):
             if number != 5 or self.spindle:
-                self.lost = self.lost or "C"
+                self.lost = self.lost or self.spindle_axis
             self.spindle = line if number in (3, 4) else 0
         elif number in (2, 30):
             self.ended = True
@@ -291,10 +302,10 @@ class ModalState:
                 "a tool change brings another offset into the path",
                 "correct one tool's path at a time",
             )
-        if any(w.letter in _AXES for w in words):
+        if any(w.letter in self.axes for w in words):
             why = "nobody can say whether the tool changes before the move or after it"
             raise refuse_block(line, word.text, why, "put it into a block of its own")
-        self.lost = _AXES
+        self.lost = self.axes
 
     def _program_number(self, word: Token, words: list[Token], line: int) -> None:
         if self.moved or len(words) > 1:

@@ -1,0 +1,631 @@
+"""Programs in words of all axes, corrected for the errors of the machine: position and orientation.
+
+Words are commands of the axes, machine position = word + `zero`; a block is a pose, as a row of a list
+is (`metrosep.controllers.gcode.poses`). Between two poses a controller moves all axes in proportion:
+where the corrected way would miss the nominal one by more than a tolerance, the block is split. What
+was written is read back by the same grammar and put through the machine before it is kept.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.controllers.base import sidecar_path
+from metrosep.controllers.gcode.columns import (
+    check_files,
+    mark_text,
+    marked,
+    open_program,
+    pieces,
+    require_uncorrected,
+    require_unmarked,
+)
+from metrosep.controllers.gcode.corrections import MAX_PARTS
+from metrosep.controllers.gcode.lists import write_list
+from metrosep.controllers.gcode.paths import named_error
+from metrosep.controllers.gcode.poses import (
+    STEP_ANGLE,
+    PosesResult,
+    audit_of,
+    judged,
+    offsets_of,
+    refuse_large,
+    refuse_larger,
+)
+from metrosep.controllers.gcode.rewrite import format_feed, require_plain
+from metrosep.controllers.gcode.state import (
+    INCH,
+    MM,
+    ModalState,
+    Token,
+    decimals_of,
+    format_number,
+    refuse_block,
+    tokenize,
+)
+from metrosep.core import numbers
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, LimitError, MetrosepError, TableError
+from metrosep.core.units import format_length
+from metrosep.machine.inverse import correct_path
+
+if TYPE_CHECKING:
+    from metrosep.machine.chains import Chain, Errors
+
+__all__ = ["is_program", "rewrite_machine_program"]
+
+_UNITS = {"mm": MM, "inch": INCH}
+_LOOK_LENGTH, _LOOK_TURN = 1e-3, math.radians(1.0)
+"""m, rad: a move is looked at this often between its ends, and in each of its parts this often."""
+_FEWEST, _MOST_LOOKS = 8, 1 << 14
+_SHIFT = (3.0 - 5.0**0.5) / 2.0  # of a step: places in step with no wave
+_AT_ONCE = 100_000
+
+
+@dataclass(slots=True)
+class _Moves:
+    """Moves of a program: where the axes stand after each, in units of the file and degrees."""
+
+    axes: tuple[str, ...]
+    line: list[int] = field(default_factory=list)  # from 0
+    feed: list[bool] = field(default_factory=list)
+    inverse: list[bool] = field(default_factory=list)  # G93 in force
+    place: list[list[float]] = field(default_factory=list)  # NaN where not known
+    broken: list[bool] = field(default_factory=list)  # the place before the move is not known
+    tokens: dict[int, tuple[Token, ...]] = field(default_factory=dict)  # by line
+
+    @property
+    def places(self) -> FloatArray:
+        return np.array(self.place).reshape(-1, len(self.axes))
+
+
+def is_program(path: str | os.PathLike[str]) -> bool:
+    """Return whether the first line that is no comment is a block of G-code, not a row of a list."""
+    with open_program(Path(path)) as stream:
+        for lines in pieces(stream, Path(path), mark=True):
+            for line in lines:
+                text = line.strip()
+                if not text or text[0] in "#%;(":
+                    continue
+                try:
+                    tokenize(text)
+                except MetrosepError:
+                    return False
+                return True
+    return False
+
+
+def rewrite_machine_program(
+    source: str | os.PathLike[str],
+    target: str | os.PathLike[str],
+    chain: Chain,
+    errors: Errors,
+    *,
+    tool: ArrayLike = (0.0, 0.0, 0.0),
+    tool_axis: ArrayLike = (0.0, 0.0, 1.0),
+    zero: Mapping[str, float] | None = None,
+    unit: str | None = None,
+    tolerance: float | None = None,
+    resolution: float = 1e-9,
+    max_step: float | None = None,
+    stroke: float = 100e-6,
+    harmless_m: Iterable[int] = (),
+    again: bool = False,
+    overwrite: bool = False,
+) -> PosesResult:
+    r"""Write a program whose words are commands of the axes with the errors of the machine taken off.
+
+    Parameters
+    ----------
+    source, target : str or path
+        The program and the corrected one; a sidecar ``<target>.json`` appears beside it.
+    chain : Chain
+        The machine; its axes have one letter each.
+    errors : ErrorSet or mapping of str to float, callable or ErrorTerm
+        Its errors, actual minus nominal.
+    tool : array_like, shape (3,), m, optional
+        Tool point in the frame of the tool.
+    tool_axis : array_like, shape (3,), optional
+        Axis of the tool in its frame.
+    zero : mapping of str to float, m or rad, optional
+        Machine position at which the word of an axis is zero: the work offset, of Z with the length of
+        the tool that G43 takes; 0 if omitted.
+    unit : str, optional
+        "mm" or "inch", for a program without G20 or G21.
+    tolerance : float, m, optional
+        Blocks are split until the tool point misses the nominal way between poses by less.
+    resolution : float, m, optional
+        Finest step of a length that is written; of an angle 1 nrad.
+    max_step : float, rad, optional
+        Largest change of the correction of an axis of rotation from pose to pose.
+    stroke : float, m, optional
+        Largest correction of a linear axis.
+    harmless_m : iterable of int, optional
+        M codes of this machine that neither move an axis nor change coordinates.
+    again : bool, optional
+        Correct a program that holds a correction already.
+    overwrite : bool, optional
+        Replace an existing file.
+
+    Returns
+    -------
+    PosesResult
+        Errors before and after, amounts, messages.
+
+    Raises
+    ------
+    UnsupportedFeatureError
+        The text does not tell where the axes stand (arcs, incremental words, tool-centre-point control),
+        or a block that must be split holds what must not happen before its end.
+    DataError
+        An axis of the machine has more than one letter, the program has no pose, or holds a correction
+        already.
+    LimitError
+        A correction exceeds `stroke`, or 10 mrad of an axis of rotation; or 4096 parts do not meet the
+        tolerance.
+    SignCheckFailedError
+        By the bytes that would be written the error does not shrink.
+    WriteError
+        The target exists, is the source, or cannot be written.
+
+    Notes
+    -----
+    Rapid moves are corrected at their ends and not split. A move before all axes are known is left as it
+    is; the first move with known axes takes up every axis.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from metrosep.machine import presets
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "a.nc"
+    ...     _ = path.write_text("G21 G90 G0 X0 Y0 Z0\nG1 X100 F500\n")
+    ...     found = rewrite_machine_program(
+    ...         path, path.with_name("b.nc"), presets("mill_xyz"),
+    ...         {"EXX": lambda x: 1e-5 * x, "EYX": lambda x: 2e-5 * x})
+    ...     print(found.target.read_text().splitlines()[-1])
+    G1 X99.999000 Y-0.002000 F500
+    """
+    resolution = numbers.positive(resolution, "resolution", dimension="length")
+    limit = numbers.positive(stroke, "stroke", dimension="length")
+    if tolerance is not None:
+        tolerance = numbers.positive(tolerance, "tolerance", dimension="length")
+    moving = (e.name for e in chain.elements if e.kind != "fixed" and not e.parked)
+    kinds = sorted(moving, key=lambda a: ("XYZABCUVW".find(a), a))
+    for axis in kinds:
+        if len(axis) != 1:
+            raise DataError(
+                f"axis {axis} of the machine has no letter of its own in a program; correct a list of "
+                "positions with a column for each axis"
+            )
+    start, end = Path(source), Path(target)
+    check_files(start, end, overwrite=overwrite)
+    if not again:
+        require_uncorrected(start)
+    with open_program(start) as stream:
+        lines = [line for piece in pieces(stream, start) for line in piece]
+    if not again:
+        require_unmarked(lines, start)
+    offset = offsets_of(zero or {}, kinds, chain)
+    codes = frozenset(int(m) for m in harmless_m)
+    scale = None if unit is None else _UNITS[numbers.choice(unit, "unit", _UNITS)]
+    try:
+        program = _Program(lines, tuple(kinds), scale, codes)
+        machine = _Corrector(chain, errors, tool, tool_axis, max_step, program, offset)
+        changed = program.rewritten(machine, tolerance, resolution, limit)
+        actual = _Program(program.lines, tuple(kinds), scale, codes)
+    except MetrosepError as error:
+        if str(error).startswith("line "):
+            raise named_error(error, start) from None
+        raise
+    written = actual.moves.places[program.written_at]
+    if (
+        written.shape != program.meant.shape
+        or (np.abs(written - program.meant) > 0.5000001 * 10.0**-program.meant_digits).any()
+    ):
+        raise TableError("the program does not read back as meant; this is a bug in metrosep")
+    sizes = judged(
+        chain, errors, machine.si(program.nominal), machine.si(written), tool, tool_axis,
+        changed=changed, name=str(end),
+    )  # fmt: skip
+    audit = audit_of(chain, errors, tool, offset)
+    mark = mark_text(tuple(kinds), audit)
+    final = marked(program.lines, mark) if changed else program.lines
+    messages = [*chain.messages, *program.messages(tolerance), *machine.messages]
+    if not changed:
+        messages.append("no block changed: less than half of the last digit")
+    ranges = {a: (float(c.min()), float(c.max())) for a, c in machine.correction.items()}
+    sidecar = {
+        "correction": audit,
+        "sign": "the actual pose of the machine with its errors is the nominal one; c = -e",
+        "mark": mark if changed else None,
+        "n_blocks": len(lines),
+        "n_points": int(program.nominal.shape[0]),
+        "n_changed": changed,
+        "n_added": program.added,
+        "n_not_placed": program.unplaced,
+        "tolerance_m": tolerance,
+        "chord_error_m": program.chord,
+        "correction_si": {a: list(v) for a, v in ranges.items()},
+        **sizes,
+        "messages": messages,
+    }
+    return PosesResult(
+        target=end,
+        sidecar=sidecar_path(end),
+        n_points=int(program.nominal.shape[0]),
+        n_changed=changed,
+        before=sizes["before_rms_m"],
+        after=sizes["after_rms_m"],
+        turn_before=sizes["turn_before_rms_rad"],
+        turn_after=sizes["turn_after_rms_rad"],
+        correction=ranges,
+        messages=tuple(messages),
+        audit=write_list(start, end, lines, final, sidecar, overwrite=overwrite, schema="path"),
+    )
+
+
+class _Corrector:
+    """The machine, for places in units of the file and degrees."""
+
+    def __init__(
+        self,
+        chain: Chain,
+        errors: Errors,
+        tool: ArrayLike,
+        tool_axis: ArrayLike,
+        max_step: float | None,
+        program: _Program,
+        offset: Mapping[str, float],
+    ) -> None:
+        self.chain, self.errors, self.tool = chain, errors, tool
+        self.tool_axis, self.max_step = tool_axis, max_step
+        self.axes = program.moves.axes
+        kinds = chain.dimensions
+        self.turns = np.array([kinds[a] == "angle" for a in self.axes])
+        unit = program.state.unit if program.moves.line else MM
+        self.scale = np.where(self.turns, math.pi / 180.0, unit)
+        self.offset = np.array([offset[a] for a in self.axes])
+        self.messages: tuple[str, ...] = ()
+        self.correction: dict[str, FloatArray] = {a: np.zeros(1) for a in self.axes}
+
+    def si(self, places: FloatArray) -> dict[str, FloatArray]:
+        """Return positions by axis, m and rad."""
+        return {a: places[:, i] * self.scale[i] + self.offset[i] for i, a in enumerate(self.axes)}
+
+    def at(self, places: FloatArray, *, whole: bool = False) -> FloatArray:
+        """Return what is added to the words at places; of the whole path its messages are kept."""
+        found = correct_path(
+            self.chain, self.errors, self.si(places), tool=self.tool, tool_axis=self.tool_axis,
+            max_step=self.max_step if whole else None,
+        )  # fmt: skip
+        if whole:
+            self.messages, self.correction = found.messages, dict(found.correction)
+        return np.stack([found.correction[a] for a in self.axes], axis=-1) / self.scale
+
+    def missed(self, nominal: FloatArray, commands: FloatArray) -> FloatArray:
+        """Return by how much the tool point misses its nominal place, m."""
+        goal = self.chain.transform(self.si(nominal), tool=self.tool)[..., :3, 3]
+        actual = self.chain.transform(self.si(commands), self.errors, tool=self.tool, exact=True)[
+            ..., :3, 3
+        ]
+        return np.asarray(np.linalg.norm(actual - goal, axis=-1))
+
+
+class _Program:
+    """A program read block by block, and rewritten."""
+
+    def __init__(
+        self,
+        lines: Sequence[str],
+        axes: tuple[str, ...],
+        scale: float | None,
+        codes: frozenset[int],
+    ) -> None:
+        self.lines = list(lines)
+        self.stated = scale is None
+        self.state = ModalState(
+            scale=scale, diameter=False, harmless_m=codes, g_system="mill",
+            axes="".join(axes), spindle_axis="",
+        )  # fmt: skip
+        self.moves = _Moves(axes)
+        self.added = self.unplaced = 0
+        self.chord = 0.0
+        self._read()
+
+    def _read(self) -> None:
+        held = dict.fromkeys(self.moves.axes, math.nan)
+        broken = True
+        for row, block in enumerate(self.lines):
+            if self.state.ended:
+                return
+            tokens = tokenize(block, row + 1)
+            moves = self.state.apply(tokens, row + 1)
+            if self.state.lost:
+                held = {a: math.nan if a in self.state.lost else v for a, v in held.items()}
+                self.state.lost, broken = "", True
+            if not moves:
+                continue
+            words: dict[str, Token] = {}
+            for token in tokens:
+                if token.kind == "word" and (token.letter in held or token.letter == "F"):
+                    if token.letter in words:
+                        why = "the letter is there twice in one block"
+                        raise refuse_block(row + 1, token.text, why, "write it once")
+                    words[token.letter] = token
+            held |= {a: t.value for a, t in words.items() if a in held}
+            place = [held[a] for a in self.moves.axes]
+            known = all(v == v for v in place)
+            if self.state.motion == 1 and not known:
+                missing = next(a for a, v in held.items() if v != v)
+                raise refuse_block(
+                    row + 1,
+                    "a feed move",
+                    f"no {missing} word was given so far, or none since the last home move or tool "
+                    "change, so the position is not known",
+                    f"begin with a rapid move to a stated {missing}",
+                )
+            self.moves.line.append(row)
+            self.moves.feed.append(self.state.motion == 1)
+            self.moves.inverse.append(self.state.feed_mode == "G93")
+            self.moves.place.append(place)
+            self.moves.broken.append(broken)
+            self.moves.tokens[row] = tokens
+            broken = not known
+
+    def rewritten(
+        self, machine: _Corrector, tolerance: float | None, resolution: float, limit: float
+    ) -> int:
+        """Rewrite the blocks, and return how many changed."""
+        whole = self.moves.places
+        known = np.isfinite(whole).all(axis=1)
+        self.unplaced = int(np.count_nonzero(~known))
+        if not known.any():
+            raise DataError(
+                f"the program holds no move (G0 or G1) after which {', '.join(self.moves.axes)} are all "
+                "known; the correction of a machine depends on every axis"
+            )
+        rows = np.flatnonzero(known)
+        places = whole[rows]
+        dq = machine.at(places, whole=True)
+        self._refuse_large(machine, rows, limit)
+        parts, extra = self._split(machine, rows, places, dq, tolerance)
+        step = np.where(machine.turns, STEP_ANGLE, resolution) / machine.scale
+        least = np.maximum(1, np.ceil(-np.log10(step) - 1e-9)).astype(int)
+        return self._write(rows, places, dq, parts, extra, least)
+
+    def _refuse_large(self, machine: _Corrector, rows: Any, limit: float) -> None:
+        for i, axis in enumerate(self.moves.axes):
+            refuse = refuse_larger if machine.turns[i] else refuse_large
+            refuse(axis, machine.correction[axis], limit, [self.moves.line[r] for r in rows], "")
+
+    def _split(
+        self,
+        machine: _Corrector,
+        rows: Any,
+        places: FloatArray,
+        dq: FloatArray,
+        tolerance: float | None,
+    ) -> tuple[Any, dict[int, tuple[FloatArray, FloatArray]]]:
+        """Return the number of parts of each pose's move, and nominal and added places within."""
+        n = rows.size
+        parts = np.ones(n, dtype=np.int64)
+        extra: dict[int, tuple[FloatArray, FloatArray]] = {}
+        feed, broken = np.array(self.moves.feed)[rows], np.array(self.moves.broken)[rows]
+        begins = np.flatnonzero(feed & ~broken & (np.arange(n) > 0))
+        if not begins.size:
+            return parts, extra
+        way = places[begins] - places[begins - 1]
+        here = np.abs(way * machine.scale)
+        looks = np.where(
+            machine.turns, here / _LOOK_TURN, here / _LOOK_LENGTH
+        ).max(axis=1)  # fmt: skip
+        moving = looks > 0.0
+        begins, way, looks = begins[moving], way[moving], looks[moving]
+        sizes = 2 ** np.ceil(np.log2(np.clip(looks, _FEWEST, _MOST_LOOKS))).astype(np.int64)
+        for size in np.unique(sizes).tolist():
+            chosen = np.flatnonzero(sizes == size)
+            for some in np.array_split(chosen, 1 + chosen.size * size // _AT_ONCE):
+                self._look(machine, rows, begins[some], places, dq, size, tolerance, parts, extra)
+        turned = np.abs(way[:, machine.turns]).max(axis=1, initial=0.0)
+        unsure = np.flatnonzero((turned > 180.0) & (parts[begins] > 1))
+        if unsure.size:
+            i = int(unsure[0])
+            raise refuse_block(
+                self.moves.line[rows[begins[i]]] + 1,
+                f"a block to be split that turns an axis by {turned[i]:.6g} deg",
+                "on some controllers it takes the shortest way over its roll-over, on others it goes along "
+                "its numbers",
+                "write it as moves of 180 deg or less",
+            )
+        return parts, extra
+
+    def _look(
+        self,
+        machine: _Corrector,
+        rows: Any,
+        ends: Any,
+        places: FloatArray,
+        dq: FloatArray,
+        size: int,
+        tolerance: float | None,
+        parts: Any,
+        extra: dict[int, tuple[FloatArray, FloatArray]],
+    ) -> None:
+        """Find the parts of moves that are looked at equally often."""
+        share = (np.arange(size) + _SHIFT) / size
+        count, open_ = 1, ends
+        while open_.size:
+            a, b = places[open_ - 1][:, None], places[open_][:, None]
+            inner = np.arange(count + 1)[:, None] / count
+            nodes = a + (b - a) * inner
+            added = np.empty((open_.size, count + 1, nodes.shape[-1]))
+            added[:, 0], added[:, -1] = dq[open_ - 1], dq[open_]
+            if count > 1:
+                within = nodes[:, 1:-1]
+                added[:, 1:-1] = machine.at(within.reshape(-1, within.shape[-1])).reshape(
+                    within.shape
+                )
+            part = np.minimum((share * count).astype(int), count - 1)
+            rest = (share * count - part)[None, :, None]
+            command = a + (b - a) * share[:, None]
+            command_added = added[:, part] * (1.0 - rest) + added[:, part + 1] * rest
+            flat = command.reshape(-1, command.shape[-1])
+            off = machine.missed(flat, flat + command_added.reshape(flat.shape))
+            worst = off.reshape(open_.size, size).max(axis=1)
+            left = worst > (math.inf if tolerance is None else tolerance)
+            self.chord = max(self.chord, float(worst[~left].max(initial=0.0)))
+            for i in np.flatnonzero(~left).tolist():
+                parts[open_[i]] = count
+                if count > 1:
+                    extra[int(open_[i])] = (nodes[i, 1:-1], added[i, 1:-1])
+            if left.any() and count >= MAX_PARTS:
+                i = int(np.flatnonzero(left)[0])
+                raise LimitError(
+                    f"line {self.moves.line[rows[open_[i]]] + 1}: in {MAX_PARTS} parts the tool point still "
+                    f"misses its way by {format_length(float(worst[i]))}, the tolerance is "
+                    f"{format_length(float(tolerance or 0.0))}; the errors have a step, or bend too fast"
+                )
+            open_ = open_[left]
+            count *= 2
+            if _FEWEST * count > size:
+                size = _FEWEST * count
+                share = (np.arange(size) + _SHIFT) / size
+
+    def _write(
+        self,
+        rows: Any,
+        places: FloatArray,
+        dq: FloatArray,
+        parts: Any,
+        extra: dict[int, tuple[FloatArray, FloatArray]],
+        least: Any,
+    ) -> int:
+        """Put the numbers into the blocks; what was meant is kept beside."""
+        nominal, meant, digits_of_all, at = [], [], [], []
+        held = [math.nan] * len(self.moves.axes)  # what the machine holds, as written
+        changed, move, added = 0, 0, 0
+        by_move = {int(r): i for i, r in enumerate(rows.tolist())}
+        for k, row in enumerate(self.moves.line):
+            tokens = self.moves.tokens[row]
+            own = {t.letter: t for t in tokens if t.kind == "word"}
+            i = by_move.get(k)
+            if i is None:
+                for j, axis in enumerate(self.moves.axes):
+                    held[j] = own[axis].value if axis in own else held[j]
+                move += 1
+                continue
+            if self.moves.broken[k]:  # an axis not yet named may stand anywhere
+                held = [math.nan] * len(held)
+            digits = [
+                max(int(least[j]), decimals_of(own[a].number) if a in own else 0)
+                for j, a in enumerate(self.moves.axes)
+            ]
+            within = extra.get(i, (np.empty((0, len(held))), np.empty((0, len(held)))))
+            steps = [*zip(*within, strict=True), (places[i], dq[i])]
+            texts = []
+            for number, (place, more) in enumerate(steps, 1):
+                words = {}
+                for j, axis in enumerate(self.moves.axes):
+                    text = format_number(float(place[j] + more[j]), digits[j])
+                    kept = number == len(steps) and axis in own and (
+                        abs(float(text) - own[axis].value) < 0.5 * 10.0 ** -digits[j]
+                    )  # fmt: skip
+                    value = own[axis].value if kept else float(text)
+                    if value != held[j] or axis in own:
+                        words[axis] = own[axis].number if kept else text
+                    held[j] = value
+                texts.append(words)
+                nominal.append(place)
+                meant.append(list(held))
+                digits_of_all.append(digits)
+                at.append(move)
+                move += 1
+            new = self._blocks(row, tokens, own, texts, self.moves.inverse[k])
+            if new != self.lines[row]:
+                changed += 1
+                added += len(steps) - 1
+                self.lines[row] = new
+        self.added = added
+        self.lines = "".join(self.lines).splitlines(keepends=True) if added else self.lines
+        self.nominal, self.meant = np.array(nominal), np.array(meant)
+        self.meant_digits, self.written_at = np.array(digits_of_all, dtype=float), np.array(at)
+        return changed
+
+    def _blocks(
+        self,
+        row: int,
+        tokens: tuple[Token, ...],
+        own: Mapping[str, Token],
+        texts: list[dict[str, str]],
+        inverse: bool,
+    ) -> str:
+        """Return the blocks that replace one."""
+        block = self.lines[row]
+        lower = next(t for t in tokens if t.letter in self.moves.axes).text[0].islower()
+        if len(texts) == 1:
+            return _edited(tokens, texts[0], self.moves.axes, lower)
+        require_plain(tokens, row + 1, self.moves.axes)
+        feed = ""
+        if inverse:
+            if "F" not in own:
+                why = "in inverse time (G93) every block needs an F word"
+                raise refuse_block(row + 1, "a block to be split", why, "add F")
+            feed = format_feed(own["F"].value * len(texts))
+        body = block.rstrip("\r\n")
+        eol = block[len(body) :]
+        first = _edited(tokens, texts[0] | ({"F": feed} if feed else {}), self.moves.axes, lower)
+        blocks = [first.rstrip("\r\n")]
+        for words in texts[1:]:
+            text = " ".join(
+                f"{a}{v}" for a, v in [*words.items(), *([("F", feed)] if feed else [])]
+            )
+            blocks.append(text.lower() if lower else text)
+        return (eol or "\n").join(blocks) + eol
+
+    def messages(self, tolerance: float | None) -> list[str]:
+        """Return what the user should know of the program."""
+        found = [f"line {line}: {text}" for text, line in self.state.messages.items()]
+        if not self.state.stated_absolute:
+            found.append("G90 is not stated; words are taken as absolute")
+        if not self.state.stated_scale:
+            found.append("the program states no unit; it is the one that was given")
+        if self.unplaced:
+            found.append(f"{self.unplaced} moves before all axes were known are left as they were")
+        found.append(
+            f"between poses the tool point misses its nominal way by up to "
+            f"{format_length(self.chord, digits=2)}"
+            + ("; give a tolerance to split the blocks there" if tolerance is None else "")
+        )
+        return found
+
+
+def _edited(
+    tokens: Iterable[Token], numbers_of: Mapping[str, str], axes: Sequence[str], lower: bool
+) -> str:
+    """Return a block with other numbers; words that it has not follow its last axis word."""
+    listed = list(tokens)
+    last = max(i for i, t in enumerate(listed) if t.kind == "word" and t.letter in axes)
+    there = {t.letter for t in listed if t.kind == "word"}
+    new = [f"{a}{v}" for a, v in numbers_of.items() if a in axes and a not in there]
+    pieces_of = []
+    for i, token in enumerate(listed):
+        text = token.text
+        if token.kind == "word" and token.letter in numbers_of:
+            number = numbers_of[token.letter]
+            plus = "+" if token.number[0] == "+" and number[0] not in "+-" else ""
+            text = text[: len(text) - len(token.number)] + plus + number
+        pieces_of.append(text)
+        if i == last and new:
+            gap = " " if last == 0 or listed[last - 1].kind == "space" else ""
+            more = "".join((gap or "") + w for w in new)
+            pieces_of.append(more.lower() if lower else more)
+    return "".join(pieces_of)

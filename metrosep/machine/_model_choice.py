@@ -1,0 +1,159 @@
+"""How high the curves of a calibration must go, and what no order of them follows.
+
+A degree is raised where the readings, with the drift that each model leaves, are likelier by more than
+the new coefficients cost (BIC): what a curve of too low an order misses looks like drift otherwise.
+Waves shorter than a third of the way are looked for in what is left, by a score test under its noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import TooFewSamplesError
+from metrosep.core.units import format_engineering
+from metrosep.machine._drift_noise import Fit, Gls, inverse_times
+from metrosep.machine._reading_problem import Problem, System, axis_of_term, with_order
+from metrosep.machine.instruments import Instrument
+
+_MORE = (2, 4, 8, 16)
+"""Orders or harmonics beyond the present ones that are tried together."""
+_WORTH = 10.0
+"""Twice the logarithm of the likelihood by which more orders must win beyond their cost."""
+_CHANCE = 1e-4
+_FEWEST, _MOST = 12, 1000
+"""Places of an axis in a set below which no wave is looked for, and waves that are tried."""
+_DRAWN = 0.5
+"""Share of the readings that coefficients may take."""
+
+
+def raised_degrees(
+    problem: Problem,
+    current: list[Instrument],
+    good: list[Any],
+    system: System,
+    fit: Fit,
+    axes: Iterable[str],
+    homes: Mapping[str, float],
+) -> dict[str, int]:
+    """Return the axes, of those whose degree is free, whose curves must be of a higher degree."""
+    raised = {}
+    here = _cost(system, fit, problem.sets)
+    for axis in axes:
+        best, at = _plain(system, fit), 0
+        wider = {}
+        for top in _tops(problem, axis):
+            bases = {n: with_order(problem, n, {axis: top}, homes) for n in problem.bases}
+            if bases == problem.bases:
+                continue
+            trial = Problem(problem.chain, bases, problem.sets)
+            if trial.n_terms > _DRAWN * system.y.size:
+                break
+            try:
+                wider[top] = trial.assembled(current, good)
+            except TooFewSamplesError:
+                break
+            cost = _plain(wider[top], fit)
+            if cost < best - _WORTH:
+                best, at = cost, top
+        if not at:
+            continue
+        found = wider[at]
+        Z = (found.X / found.sizes) @ found.V
+        better = Gls(Z, found.y, found.streams, [s.u for s in problem.sets]).best()
+        if _cost(found, better, problem.sets) < here - _WORTH:
+            raised[axis] = at
+    return raised
+
+
+def _tops(problem: Problem, axis: str) -> list[int]:
+    mine = [
+        max(b.orders)
+        for n, b in problem.bases.items()
+        if b.kind != "constant" and axis_of_term(problem.chain, n) == axis
+    ]
+    return [max(mine) + more for more in _MORE] if mine else []
+
+
+def _plain(system: System, fit: Fit) -> float:
+    """Return the cost of a model by ordinary least squares with the weights of a fit."""
+    weights = np.empty(system.y.size)
+    for stream in system.streams:
+        weights[stream.rows] = 1.0 / fit.scales[stream.which]
+    Z = np.linalg.qr(((system.X / system.sizes) @ system.V) * weights[:, None])[0]
+    y = system.y * weights
+    rest = y - Z @ (Z.T @ y)
+    square = max(float(rest @ rest), 1e-20 * float(y @ y), np.finfo(np.float64).tiny)
+    return float(y.size * math.log(square) + Z.shape[1] * math.log(y.size))
+
+
+def _cost(system: System, fit: Fit, sets: Sequence[Any]) -> float:
+    """Return -2 log likelihood, and the cost of the coefficients (BIC)."""
+    rest = system.y - ((system.X / system.sizes) @ system.V) @ fit.beta
+    total = fit.beta.size * math.log(max(system.y.size, 2))
+    for stream in system.streams:
+        solved, logdet = inverse_times(rest[stream.rows][:, None], stream.index, fit.a, fit.tau)
+        s = float(fit.scales[stream.which])
+        total += logdet + 2.0 * stream.rows.size * math.log(s)
+        total += float(rest[stream.rows] @ solved[:, 0]) / s**2
+    return float(total)
+
+
+def waves_left(problem: Problem, system: System, fit: Fit) -> list[str]:
+    """Return a sentence for each set whose residuals repeat with the place of an axis, beyond chance."""
+    rest = system.y - ((system.X / system.sizes) @ system.V) @ fit.beta
+    found: dict[str, tuple[float, str]] = {}
+    tried, kinds = 0, problem.chain.dimensions
+    for stream in system.streams:
+        if not stream.rows.size:
+            continue
+        reading, label = problem.sets[stream.which], problem.labels[stream.which]
+        n = np.asarray(reading.values).shape[0]
+        for axis, place in reading.q.items():
+            x = np.broadcast_to(np.ravel(np.asarray(place)), (n,))[stream.index.astype(int)]
+            span, places = float(np.ptp(x)), np.unique(np.round(x, 9)).size
+            if places < _FEWEST or axis not in kinds:
+                continue
+            # places of a fine grid show half as many waves as there are of them, at most
+            twice = np.unique(np.linspace(6, places - 1, min(places - 6, _MOST)).astype(int))
+            turns = math.pi * twice / span * (x - x.min())[:, None]
+            tried += twice.size
+            stat, size = _scores(turns, rest[stream.rows], stream, fit)
+            k = int(np.argmax(stat))
+            if stat[k] > found.get(label, (0.0, ""))[0]:
+                length = 2.0 * span / float(twice[k])
+                every = (
+                    f"{math.degrees(length):.3g} deg"
+                    if kinds[axis] == "angle"
+                    else format_engineering(length, "m")
+                )
+                unit = "rad" if reading.instrument.is_angle else "m"
+                amount = format_engineering(float(size[k]), unit)
+                text = (
+                    f"{label}: what the curves leave repeats every {every} of {axis}, amplitude {amount}; "
+                    "no order that was fitted follows it, and u does not contain it: give a degree of "
+                    f"{axis} that follows it"
+                )
+                found[label] = (float(stat[k]), text)
+    return [text for stat, text in found.values() if math.exp(-0.5 * stat) * tried < _CHANCE]
+
+
+def _scores(turns: FloatArray, rest: FloatArray, stream: Any, fit: Fit) -> tuple[Any, Any]:
+    """Return of each wave the statistic (chi-square of 2 degrees of freedom), and its amplitude."""
+    m = turns.shape[1]
+    waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
+    both = np.concatenate([waves, rest[:, None]], axis=1)
+    solved = inverse_times(both, stream.index, fit.a, fit.tau)[0] / fit.scales[stream.which] ** 2
+    c, s = waves[:, :m], waves[:, m:]
+    cc, ss = np.sum(c * solved[:, :m], axis=0), np.sum(s * solved[:, m : 2 * m], axis=0)
+    cs = np.sum(c * solved[:, m : 2 * m], axis=0)
+    a, b = c.T @ solved[:, -1], s.T @ solved[:, -1]
+    det = cc * ss - cs**2
+    good = det > 1e-3 * cc * ss  # the shortest wave of equal places has no sine
+    det = np.where(good, det, 1.0)
+    p, q = (ss * a - cs * b) / det, (cc * b - cs * a) / det
+    return np.where(good, a * p + b * q, 0.0), np.where(good, np.hypot(p, q), 0.0)

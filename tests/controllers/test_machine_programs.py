@@ -1,0 +1,248 @@
+"""Programs in words of all axes: bodies moved about lines in space cut what a plain reader finds in them."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from metrosep.controllers.gcode.machine_programs import is_program, rewrite_machine_program
+from metrosep.core.errors import (
+    DataError,
+    LimitError,
+    UnsupportedFeatureError,
+    WriteError,
+)
+from metrosep.machine import presets
+
+NM = 1e-9
+H = 0.08  # m: table above the axis of A
+TOOL = (0.01, -0.005, -0.12)
+ZERO = {"X": 0.02, "Z": 0.15, "C": np.radians(10.0)}
+LINES = {"Y0A": 11e-6, "Z0A": -6e-6, "B0A": 20e-6, "C0A": -15e-6, "X0C": 9e-6, "A0C": -13e-6}
+CURVES = {
+    "EXX": lambda x: 20e-6 * np.sin(9 * x),
+    "EBX": lambda x: 30e-6 * x**2,
+    "EZC": lambda c: 6e-6 * np.sin(2 * c),
+    "EAC": lambda c: 9e-6 * np.cos(c),
+}
+PROGRAM = """%
+O7
+(a pocket)
+G21 G90 G94
+N5 G0 A-30. C20.
+N6 G0 X10. Y20. Z5. S8000 M3
+N1 G1 X52.5 F800
+N2 G1 Y-15. A-42. (both)
+N3 C95.125
+N4 X10. Y0. Z8. A-25. C60.
+N9 G0 Z90.
+M5
+M30
+%
+"""
+
+
+def turn(axis, angle):
+    k = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    K = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K)
+
+
+def actual(q, *, errors):
+    """Return the tool point on the table and its axis: A turns about a line, C about a line on it."""
+    n = LINES if errors else dict.fromkeys(LINES, 0.0)
+    at = {k: f(q[k[2]]) if errors else 0.0 for k, f in CURVES.items()}
+    # the table: each body turns about its own line, wherever that is
+    a_at, a_along = np.array([0, n["Y0A"], n["Z0A"]]), np.array([1.0, n["C0A"], -n["B0A"]])
+    c_at, c_along = np.array([n["X0C"], 0, 0]), np.array([0.0, -n["A0C"], 1.0])
+    # errors of C are those of the tool against the table: the table goes the other way
+    dz, wa = -at["EZC"], -at["EAC"]
+    R_c = turn((1, 0, 0), wa) @ turn(c_along, -q["C"]) @ turn((1, 0, 0), n["A0C"])
+    p_c = c_at + np.array([0, 0, dz])
+    R_a = turn(a_along, -q["A"]) @ turn((0, 1, 0), n["B0A"]) @ turn((0, 0, 1), n["C0A"])
+    p_a = a_at + np.array([0, -q["Y"], 0])
+    R_t = turn((0, 1, 0), at["EBX"])
+    tool = np.array([q["X"] + at["EXX"], 0, 0]) + R_t @ (np.array([0, 0, q["Z"]]) + TOOL)
+    on_a = R_a.T @ (tool - p_a) - np.array([0, 0, H])
+    return R_c.T @ (on_a - p_c), R_c.T @ (R_a.T @ (R_t @ (0, 0, 1)))
+
+
+def read(text):
+    """Return the words in force after each block with an axis word, and whether it is a feed move."""
+    held, mode, found = {}, 0, []
+    for line in text.splitlines():
+        words = re.findall(r"([A-Z])([-+]?[0-9.]+)", re.sub(r"\([^)]*\)", "", line.upper()))
+        for letter, number in words:
+            if letter == "G" and float(number) < 2:
+                mode = int(float(number))
+            if letter in "XYZAC":
+                held[letter] = float(number)
+        if any(letter in "XYZAC" for letter, _ in words):
+            found.append((mode == 1, dict(held)))
+    return found
+
+
+def machine(words):
+    si = {k: np.radians(v) if k in "AC" else v * 1e-3 for k, v in words.items()}
+    return {k: v + ZERO.get(k, 0.0) for k, v in si.items()}
+
+
+def missed(original, corrected, parts):
+    """Return distances in m, and angles in rad, between what is cut and the nominal way."""
+    nominal, done = read(original), read(corrected)
+    off, away, at = [], [], 0
+    for k, (is_feed, words) in enumerate(nominal):
+        n = parts[k]
+        before, at = done[at - 1][1] if at else None, at + n
+        if not is_feed or before is None:
+            continue
+        for i in range(n):
+            begin, end = before if i == 0 else done[at - n + i - 1][1], done[at - n + i][1]
+            for share in (0.0, 0.17, 0.5, 0.83, 1.0):
+                command = {a: begin[a] + (end[a] - begin[a]) * share for a in "XYZAC"}
+                whole = (i + share) / n
+                past = nominal[k - 1][1]
+                wanted = {a: past[a] + (words[a] - past[a]) * whole for a in "XYZAC"}
+                p, d = actual(machine(command), errors=True)
+                p0, d0 = actual(machine(wanted), errors=False)
+                off.append(np.linalg.norm(p - p0))
+                away.append(np.linalg.norm(d - d0))
+    return np.array(off), np.array(away)
+
+
+def corrected(folder, text=PROGRAM, errors=None, **options):
+    source, target = folder / "in.nc", folder / "out.nc"
+    source.write_text(text, newline="")
+    chain = presets("five_axis", pivot_height=H)
+    given = {"tool": TOOL, "zero": ZERO, **options}
+    found = rewrite_machine_program(
+        source, target, chain, {**LINES, **CURVES} if errors is None else errors, **given
+    )
+    return found, target.read_bytes().decode()
+
+
+def test_the_tool_goes_where_the_program_says_at_each_block_and_between(tmp_path):
+    n = len(read(PROGRAM))
+    before, turned = missed(PROGRAM, PROGRAM, [1] * n)
+    found, text = corrected(tmp_path, tolerance=20 * NM)
+    # blocks of the original have numbers, added ones have none
+    moves = [v for v in text.splitlines() if re.match(r"(N\d+ .*)?[XYZAC][-\d]", v)]
+    starts = [i for i, v in enumerate(moves) if v[0] == "N"]
+    parts = np.diff([*starts, len(moves)]).tolist()
+    assert len(parts) == n
+    assert len(moves) == n + found.audit["n_added"] > n + 4
+    off, away = missed(PROGRAM, text, parts)
+    assert np.sqrt(np.mean(before**2)) > 15e-6
+    assert off.max() < 21 * NM  # looks at eight places of a part see 0.99 of a parabola
+    assert np.sqrt(np.mean(away**2)) < 0.02 * np.sqrt(np.mean(turned**2))
+    assert found.audit["chord_error_m"] <= 20 * NM
+
+
+def test_without_a_tolerance_blocks_are_right_at_their_ends(tmp_path):
+    found, text = corrected(tmp_path)
+    assert found.audit["n_added"] == 0
+    assert len(text.splitlines()) == len(PROGRAM.splitlines()) + 1  # the mark
+    for (_, words), (_, nominal) in zip(read(text)[1:], read(PROGRAM)[1:], strict=True):
+        p, d = actual(machine(words), errors=True)
+        p0, d0 = actual(machine(nominal), errors=False)
+        assert np.linalg.norm(p - p0) < 3 * NM  # 1 nm in X, Y, Z and 1 nrad at 0.2 m as written
+        assert np.linalg.norm(d - d0) < 5e-9
+    assert "misses its nominal way by up to" in " ".join(found.messages)
+    for line in ("(a pocket)", "M30", "O7"):
+        assert line in text.splitlines()
+
+
+def minus(f):
+    return lambda x: -f(x)
+
+
+def test_a_wrong_sense_of_the_errors_makes_it_worse(tmp_path):
+    turned = {k: -v for k, v in LINES.items()} | {k: minus(f) for k, f in CURVES.items()}
+    _, text = corrected(tmp_path, errors=turned)
+    n = len(read(PROGRAM))
+    before, _ = missed(PROGRAM, PROGRAM, [1] * n)
+    off, _ = missed(PROGRAM, text, [1] * n)
+    assert off.mean() > 1.8 * before.mean()
+
+
+def test_parts_of_a_block_in_inverse_time_take_as_long_as_the_block(tmp_path):
+    text = "G21 G90 G93\nG0 X0. Y0. Z0. A-30. C0.\nG1 X80. C90. F2.5\n"
+    found, out = corrected(tmp_path, text, tolerance=50 * NM)
+    n = found.audit["n_added"] + 1
+    feeds = [float(f) for f in re.findall(r"F([\d.]+)", out)]
+    assert n > 2
+    assert len(feeds) == n
+    assert sum(1.0 / f for f in feeds) == pytest.approx(1.0 / 2.5, abs=1e-6)
+
+
+def test_a_program_in_inch_with_lower_case_and_windows_line_ends(tmp_path):
+    text = "g20 g90\r\ng0x1.y0.z.5a-30.c0.\r\ng1x2.5f30.\r\n"
+    _, out = corrected(tmp_path, text)
+    assert out.count("\r\n") == 4
+    last = out.splitlines()[-1]
+    assert re.fullmatch(r"g1(?=x[\d.]+y)([a-z][-\d.]+)+f30\.", last)  # inserted, no blanks
+    words = read(out)[-1][1]
+    q = {k: np.radians(v) if k in "AC" else v * 25.4e-3 for k, v in words.items()}
+    wanted = {"X": 2.5 * 25.4e-3, "Y": 0.0, "Z": 0.5 * 25.4e-3, "A": np.radians(-30), "C": 0.0}
+    p, _ = actual({k: v + ZERO.get(k, 0.0) for k, v in q.items()}, errors=True)
+    p0, _ = actual({k: v + ZERO.get(k, 0.0) for k, v in wanted.items()}, errors=False)
+    assert np.linalg.norm(p - p0) < 3 * NM
+
+
+HEAD = "G21 G90\nG0 X0. Y0. Z0. A-30. C0.\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "said"),
+    [
+        (HEAD + "G2 X10. I5. J0.\n", UnsupportedFeatureError, "line 3: G2: an arc"),
+        (HEAD + "G43.4 H1\n", UnsupportedFeatureError, "places on the part, not of the axes"),
+        (HEAD + "G68.2 X0 Y0\n", UnsupportedFeatureError, "the plane is tilted"),
+        (HEAD + "G1 B10.\n", UnsupportedFeatureError, "the axes of the machine are X, Y, Z, A, C"),
+        (HEAD + "G91 G1 X1.\n", UnsupportedFeatureError, "incremental"),
+        (HEAD + "G1 X1. X2.\n", UnsupportedFeatureError, "twice in one block"),
+        ("G21 G90\nG1 X1. Y0. Z0.\n", UnsupportedFeatureError, "no A word was given so far"),
+        ("G90 G0 X0 Y0 Z0 A0 C0\n", UnsupportedFeatureError, "neither G20"),
+        (HEAD + "G1 X50. C200. F500\n", UnsupportedFeatureError, "turns an axis by 200 deg"),
+        (HEAD + "G1 X50. C90. M8\n", UnsupportedFeatureError, "before its end"),
+        ("G21 G90\nM3\n", DataError, "holds no move"),
+    ],
+)  # fmt: skip
+def test_a_program_whose_text_does_not_say_where_the_axes_stand_is_refused(
+    tmp_path, text, error, said
+):
+    with pytest.raises(error, match=re.escape(said)):
+        corrected(tmp_path, text, tolerance=20 * NM)
+    assert not (tmp_path / "out.nc").exists()
+
+
+def test_limits_marks_and_files_in_the_way(tmp_path):
+    with pytest.raises(LimitError, match="line 8: the correction of Y is"):
+        corrected(tmp_path, stroke=5e-6)
+    with pytest.raises(LimitError, match=r"deg, the limit is 0\.573 deg"):
+        corrected(tmp_path, errors={"EAA": 0.02}, stroke=1.0)
+    with pytest.raises(DataError, match="zero names 'B'"):
+        corrected(tmp_path, zero={"B": 1.0})
+    corrected(tmp_path)
+    with pytest.raises(DataError, match="holds a correction already"):
+        rewrite_machine_program(
+            tmp_path / "out.nc", tmp_path / "twice.nc", presets("five_axis", pivot_height=H), LINES
+        )
+    (tmp_path / "out.nc").write_text("mine")
+    with pytest.raises(WriteError, match="exists"):
+        corrected(tmp_path)
+    with pytest.raises(DataError, match="FTS of the machine has no letter"):
+        rewrite_machine_program(
+            tmp_path / "in.nc", tmp_path / "f.nc", presets("fts_lathe", radius=0.02), {"EXX": 1e-6}
+        )
+
+
+def test_a_program_and_a_list_are_told_apart_by_their_first_line(tmp_path):
+    for name, text, wanted in (
+        ("a", PROGRAM, True), ("b", ";made\nN1 G0 X1\n", True), ("c", "# x\nX_mm,Y_mm\n1,2\n", False),
+        ("d", "1,2,3\n", False), ("e", "", False), ("f", "X;Y;Z\n1;2;3\n", False),
+    ):  # fmt: skip
+        (tmp_path / name).write_text(text)
+        assert is_program(tmp_path / name) is wanted, name
