@@ -38,6 +38,7 @@ AXES = ("X", "azimuth", "Z")
 _TURN = 2.0 * math.pi
 _MARGIN = 60
 """Points beyond a piece of a spline: what lies further off acts by 0.27 to this power, 1e-34."""
+_PIECE = 1 << 18
 _SOLVED = 4
 """Newton steps for the place within a block; a spline of azimuths is nearly a line."""
 
@@ -115,17 +116,14 @@ class TurningProgram(Frozen):
             if not math.isfinite(float(values.sum())):
                 at = int(np.flatnonzero(~np.isfinite(values))[0])
                 raise InvalidSamplesError(f"{name} of block {at} is {values[at]}: give it a value")
-        late = np.diff(self.t) <= 0.0
-        if late.any():
-            at = int(np.argmax(late))
+        at = _first_stop(self.t, 1.0)
+        if at >= 0:
             raise InvalidSamplesError(
                 f"block {at + 1} is reached at {self.t[at + 1]:.9g} s, not after block {at} at "
                 f"{self.t[at]:.9g} s: times must grow"
             )
-        steps = np.diff(self.azimuth)
-        back = steps <= 0.0 if self.azimuth[-1] > self.azimuth[0] else steps >= 0.0
-        if back.any():
-            at = int(np.argmax(back))
+        at = _first_stop(self.azimuth, 1.0 if self.azimuth[-1] > self.azimuth[0] else -1.0)
+        if at >= 0:
             raise DataError(
                 f"C turns back or stands still at block {at + 1}: azimuth "
                 f"{math.degrees(self.azimuth[at]):.6g} to {math.degrees(self.azimuth[at + 1]):.6g} degrees "
@@ -234,6 +232,16 @@ class TurningProgram(Frozen):
                 f"{of}_z_command_nm": 1e9 * self.Z,
             }
         )
+
+
+def _first_stop(values: FloatArray, way: float) -> int:
+    """Return the first index after which values do not go on one way, -1 where they always do."""
+    for first in range(0, values.size - 1, _PIECE):
+        steps = np.diff(values[first : first + _PIECE + 1])
+        stops = way * steps <= 0.0
+        if stops.any():
+            return first + int(np.argmax(stops))
+    return -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

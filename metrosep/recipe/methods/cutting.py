@@ -5,7 +5,6 @@ And the hysteresis of the stage that drives a fast tool: identified from loops, 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -13,28 +12,24 @@ from typing import Any, ClassVar
 import numpy as np
 
 from metrosep.controllers.gcode.lathe import LatheAxes
-from metrosep.core.errors import DataError, UnitError
+from metrosep.core.errors import DataError
 from metrosep.core.inputs import RoleColumns
 from metrosep.core.methods import Method
 from metrosep.core.options import Option, options_of
-from metrosep.core.recording import Recording
-from metrosep.core.units import (
-    Unit,
-    format_length,
-    parse_quantity,
-    parse_unit,
-    unit_dimension,
-)
+from metrosep.core.units import format_length, parse_quantity
+from metrosep.recipe.methods.axis_limits import LIMITS, limits_of
 from metrosep.recipe.methods.ops_machine import form_of
 from metrosep.recipe.methods.ops_process import (
     NO_EDGE,
     OF_PART,
     SETTING,
+    STAGE,
     JobPredicted,
     centre_of,
     columns_in_units,
     edge_of_file,
     map_of_part,
+    stage_log,
 )
 
 __all__ = ["CutBudgetFound", "HysteresisFound"]
@@ -204,11 +199,6 @@ def _deviation(path: str, axes: LatheAxes) -> Any:
 
 # ---- what the axes must do --------------------------------------------------------------------------
 
-_PER = re.compile(r"(.*)/\s*([^\W\d]+)(?:\^?([23]))?")
-_LIMITED = {None: "velocity", "2": "acceleration", "3": "jerk"}
-_AS_ONE = {"speed": "velocity", "acceleration": "acceleration", "frequency": "velocity"}
-_HELP = 'what {} can do, by the unit: "20 mm/s", "0.5 m/s2", "100 m/s3"'
-
 
 class AxesMoved(Method):
     """`axis_motion` by its name."""
@@ -218,11 +208,7 @@ class AxesMoved(Method):
     reads: ClassVar = "nothing"
     arguments: ClassVar[Mapping[str, Option]] = {
         **_PROGRAM,
-        "x_limits": Option("texts", help=_HELP.format("X")),
-        "c_limits": Option(
-            "texts", help=_HELP.format("C").replace("mm", "deg").replace(" m", " rad")
-        ),
-        "z_limits": Option("texts", help=_HELP.format("Z")),
+        **LIMITS,
         "block_time": Option("time", help='that the controller needs for a block, "2 ms"'),
     }
 
@@ -232,64 +218,7 @@ class AxesMoved(Method):
         from metrosep.process import axis_motion
 
         program, _ = _program_of(options)
-        limits = {
-            axis: _limits_of(options[f"{axis.lower()}_limits"], axis)
-            for axis in ("X", "C", "Z")
-            if f"{axis.lower()}_limits" in options
-        }
-        return axis_motion(program, limits, block_time=options.get("block_time", 0.0))
-
-
-def _limits_of(texts: tuple[str, ...], axis: str) -> Any:
-    """Return the `AxisLimits` of texts whose units say what they limit."""
-    from metrosep.process import AxisLimits
-
-    found: dict[str, float] = {}
-    key = f"{axis.lower()}_limits"
-    for text in texts:
-        name, turns, value = _limit_of(text, key)
-        if turns != (axis == "C"):
-            raise DataError(
-                f"{key} has {text!r}: {axis} {'turns' if axis == 'C' else 'moves along'}"
-            )
-        if name in found:
-            raise DataError(f"{key} states the {name} twice")
-        found[name] = value
-    return AxisLimits(**found)
-
-
-def _limit_of(text: str, key: str) -> tuple[str, bool, float]:
-    """Return what a text limits, whether it is of an axis that turns, and the limit in SI."""
-    plain = text.strip().replace("²", "2").replace("³", "3")
-    whole = unit_dimension(plain) or ""
-    if whole in _AS_ONE:
-        value = parse_quantity(plain, dimension=whole, name=key)
-        turns = whole == "frequency"
-        return _AS_ONE[whole], turns, 2.0 * np.pi * value if turns else value
-    match = _PER.fullmatch(plain)
-    time = _unit_of(match[2]) if match else None
-    size = _unit_of(re.sub(r"^[-+.\d\s]*(?:[eE][-+]?\d+)?", "", match[1])) if match else None
-    if (
-        match is None
-        or time is None
-        or size is None
-        or time.dimension != "time"
-        or size.dimension not in ("length", "angle")
-        or (match[3] and time.name != "s")
-    ):
-        raise DataError(
-            f'{key} has {text!r}; write limits as "20 mm/s", "0.5 m/s2", "100 m/s3"; of C as "360 deg/s"'
-        )
-    value = parse_quantity(match[1], dimension=size.dimension, name=key)
-    return _LIMITED[match[3]], size.dimension == "angle", value / time.factor
-
-
-def _unit_of(text: str) -> Unit | None:
-    """Return the unit that a text names, None where it names none."""
-    try:
-        return parse_unit(text)
-    except UnitError:
-        return None
+        return axis_motion(program, limits_of(options), block_time=options.get("block_time", 0.0))
 
 
 # ---- hysteresis of the stage ------------------------------------------------------------------------
@@ -318,11 +247,7 @@ class HysteresisIdentified(Method):
         "hysteresis of a stage from its loops, and the voltages that make up for it"
     )
     reads: ClassVar = "table"
-    roles: ClassVar[Mapping[str, str]] = {
-        "voltage": "any",
-        "displacement": "length",
-        "time": "time?",
-    }
+    roles: ClassVar[Mapping[str, str]] = STAGE
     arguments: ClassVar[Mapping[str, Option]] = {
         "threshold_spacing": Option(
             "number", help="between thresholds, V; a fortieth of the range if omitted"
@@ -343,12 +268,7 @@ class HysteresisIdentified(Method):
         """Return what the step makes."""
         from metrosep.process import PrandtlIshlinskii, compare_drives, flexure_calibration
 
-        n = data.values["displacement"].size
-        log = Recording(
-            data.values.get("time", np.arange(float(n))),
-            {"voltage": data.values["voltage"], "displacement": data.values["displacement"]},
-            history=data.history,
-        )
+        log = stage_log(data)
         fit = PrandtlIshlinskii.identify(log, spacing=options.get("threshold_spacing"))
         if "course" not in options:
             if "history" in options:
