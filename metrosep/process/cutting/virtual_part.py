@@ -284,7 +284,7 @@ class _Sweep:
         """Yield parts of growing radii: so many places at most, and so near that few turns reach them."""
         first = 0
         while first < rho.size:
-            last = int(np.searchsorted(rho, rho[first] + 2.0 * self._reach, side="right"))
+            last = int(np.searchsorted(rho, rho[first] + self._reach, side="right"))
             last = min(max(last, first + 1), first + _BLOCK)
             yield slice(first, last)
             first = last
@@ -309,6 +309,7 @@ class _Sweep:
         part = slice(int(self._starts[first]), int(self._starts[last]) + 1)
         course = self._course
         if course is None or course.first != part.start or course.t.size != part.stop - part.start:
+            self._course = course = None  # its memory, before the next one is made
             self._course = course = AxisCourse.of(self._whole, part)
         return course
 
