@@ -31,6 +31,8 @@ from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["VirtualPart", "virtual_cut"]
 
+Across = tuple[FloatArray, FloatArray]
+"""s and m: times, and how far the tip is then off the plane of its azimuth, towards a larger one."""
 _TURN = 2.0 * math.pi
 _BLOCK = 1 << 14
 """Places that are worked on at once, sorted by radius: the turns they ask stay in the cache."""
@@ -140,6 +142,19 @@ def virtual_cut(
     >>> round(float(np.ptp(cut.z)) * 1e9, 1)  # 20 um squared over 8 times 0.5 mm
     100.0
     """
+    return part_of(program, nose, x, y, form, setting, None)
+
+
+def part_of(
+    program: TurningProgram,
+    nose: RoundNose,
+    x: ArrayLike,
+    y: ArrayLike,
+    form: Form | None,
+    setting: ToolSetting | None,
+    across: Across | None,
+) -> VirtualPart:
+    """Return the part as `virtual_cut` does, of a tip that also leaves the plane of its azimuth."""
     if not isinstance(program, TurningProgram):
         raise DataError(f"the program must be a TurningProgram, got {type(program).__name__}")
     if program.quantity != "tip":
@@ -152,7 +167,7 @@ def virtual_cut(
     xs, ys = positions(x, y)
     rho, theta = np.hypot(xs, ys).ravel(), np.arctan2(ys, xs).ravel()
     order = np.argsort(rho, kind="stable")
-    sweep = _Sweep(program, edge)
+    sweep = _Sweep(program, edge, across)
     found, lone = _swept(sweep, rho, theta, order)
     said: list[str] = []
     if sweep.is_wrong(rho, theta, found[0]):
@@ -215,10 +230,11 @@ def heights_cut(
     x: FloatArray,
     y: FloatArray,
     setting: ToolSetting | None = None,
+    across: Across | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return heights of flat places and turns from the first point, as `virtual_cut` does without asking all turns."""
     rho, theta = np.hypot(x, y), np.arctan2(y, x)
-    sweep = _Sweep(program, Edge.of(nose, program.sense, setting))
+    sweep = _Sweep(program, Edge.of(nose, program.sense, setting), across)
     found, _ = _swept(sweep, rho, theta, np.argsort(rho, kind="stable"))
     return found[0], np.abs(found[3])
 
@@ -259,8 +275,9 @@ def _swept(
 class _Sweep:
     """An edge on its way along a program."""
 
-    def __init__(self, program: TurningProgram, edge: Edge) -> None:
+    def __init__(self, program: TurningProgram, edge: Edge, across: Across | None = None) -> None:
         self._edge = edge
+        self._across = across
         self._whole = program
         # from the rim to the centre, so that turns are counted inwards
         self._is_inward = bool(program.X[0] >= program.X[-1])
@@ -471,7 +488,7 @@ class _Sweep:
         With a form the tip is where the edge touches it, not where the program has it.
         """
         edge, azimuth = self._edge, course.values[1]
-        if edge.is_flat:
+        if edge.is_flat and self._across is None:
             passes = 1
         y = np.full(rho.shape, edge.dy)
         psi, at = np.zeros(rho.shape), turns
@@ -483,6 +500,9 @@ class _Sweep:
             i, s = course.at_azimuth(at)
             psi = edge.angle_at(along - course.value(0, i, s))
             moved = edge.point(psi)[1]
+            if self._across is not None:
+                t = course.t[i] + s * (course.t[i + 1] - course.t[i])
+                moved = moved + np.interp(t, *self._across)
             still = np.abs(moved - y) > _SETTLED
             y = moved
             if not still.any():

@@ -18,7 +18,7 @@ from metrosep.core.methods import Method
 from metrosep.core.options import Option, options_of
 from metrosep.core.units import format_length, parse_quantity
 from metrosep.recipe.methods.axis_limits import LIMITS, limits_of
-from metrosep.recipe.methods.ops_machine import form_of
+from metrosep.recipe.methods.ops_machine import MACHINE, errors_of, form_of, machine_of
 from metrosep.recipe.methods.ops_process import (
     NO_EDGE,
     OF_PART,
@@ -100,6 +100,11 @@ class CutBudgeted(Method):
             help="what the axes did beside their command: columns t_s, X_um (of the radius, as the axis "
             "points), C_deg, Z_um (or other units), actual minus commanded",
         ),
+        **{n: Option(o.kind, choices=o.choices, help=o.help) for n, o in MACHINE.items()},
+        "errors": Option(
+            "table",
+            help='terms of that machine, each a cause, { EZC = "table ezc.csv", EYX = "0.3 um" }',
+        ),
         "part": Option("file", help="map of a part that was cut with the program"),
         "centre": Option("lengths", help=OF_PART),
     }
@@ -110,7 +115,7 @@ class CutBudgeted(Method):
         from dataclasses import replace
 
         from metrosep.process import RoundNose, ToolSetting, cut_budget
-        from metrosep.process.cutting.budgets import drawn_points, fit_causes
+        from metrosep.process.cutting.measured_parts import drawn_points, fit_causes
         from metrosep.process.cutting.virtual_part import touched_radii
 
         if "nose_radius" not in options:
@@ -141,7 +146,10 @@ class CutBudgeted(Method):
         rho = np.hypot(x, y)
         inside = (rho >= low) & (rho <= high) & np.isfinite(form(x, y))
         x, y = x[inside], y[inside]
-        deviation = _deviation(options["log"], axes) if "log" in options else None
+        deviation = {"follow-up": _deviation(options["log"], axes)} if "log" in options else {}
+        moved, notes = _machine(options, program, axes)
+        deviation |= moved
+        said = (*said, *notes)
         budget = cut_budget(
             program, nose, x, y,
             form=form,
@@ -156,6 +164,31 @@ class CutBudgeted(Method):
             if not shown.is_plausible:
                 said = (*said, *_other_orientation(shown.residual, form, x, y, z))
         return CutBudgetFound(budget, x, y, pixel, shown, said)
+
+
+def _machine(
+    options: Mapping[str, Any], program: Any, axes: LatheAxes
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return what error terms of a machine do to the tip, by their names, and how names were read."""
+    from metrosep.machine.ranking import curve_text
+    from metrosep.process import machine_deviations
+
+    rest = {k: options[k] for k in (*MACHINE, "errors") if k in options}
+    if "machine" not in rest:
+        if rest:
+            raise DataError(f"{min(rest)} belongs to a machine: give it, machine")
+        return {}, ()
+    chain = machine_of(rest, float(program.X.max()))
+    for name, value in rest.get("errors", {}).items():
+        if isinstance(value, str) and curve_text(value):
+            raise DataError(
+                f"{name} = {value!r} is a wave whose phase nobody knows: it ranks terms, and cuts no part that "
+                f'could be compared; give the curve, {name} = "table {name.lower()}.csv"'
+            )
+    errors, notes = errors_of(chain, rest)
+    way = -1.0 if axes.tool_side == "-X" else 1.0
+    positions = {"X": way * program.X, "Z": program.Z, "C": axes.c_of(program.azimuth)}
+    return machine_deviations(program, chain, errors, positions=positions), notes
 
 
 _ORIENTATIONS = {
