@@ -141,9 +141,14 @@ def fit_causes(found: CutBudget, error: ArrayLike, x: ArrayLike, y: ArrayLike) -
     bare, rest, correlation = flat(z[on]), flat(z[on]), np.empty((0, 0))
     if seen.size:
         matrix = columns[:, seen] / rms[seen]
-        if np.linalg.cond(matrix) > 1e7:
+        _, sizes_of, mixed = np.linalg.svd(matrix, full_matrices=False)
+        if sizes_of[-1] * 1e7 < sizes_of[0]:
+            same = [
+                causes[i].name for i, v in zip(seen, np.abs(mixed[-1]), strict=True) if v > 0.1
+            ]
             raise DegenerateFitError(
-                "two causes leave the same map on this part: leave one of them out of the budget"
+                f"{' and '.join(same)} leave the same map on this part, or one that the others make up: leave "
+                "one of them out of the budget"
             )
         tried = []
         for target in (bare, bare - marks):
