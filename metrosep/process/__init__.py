@@ -15,6 +15,8 @@ if TYPE_CHECKING:  # a module states its names in ``__all__``
     from metrosep.process.chip import *
     from metrosep.process.cutting.budgets import *
     from metrosep.process.cutting.edge_errors import *
+    from metrosep.process.cutting.machine_terms import *
+    from metrosep.process.cutting.measured_parts import *
     from metrosep.process.cutting.motion import *
     from metrosep.process.cutting.programs import *
     from metrosep.process.cutting.virtual_part import *
@@ -60,9 +62,9 @@ _HOMES = {
     "jobs": ["JobPlan", "TurningJob"],
     "learning": ["LearningStep", "learn_step", "low_pass"],
     "machining_times": ["MachiningTime", "machining_time"],
-    "cutting.budgets": [
-        "CauseFit", "CutBudget", "EdgeFit", "PathDeviation", "cut_budget", "fit_causes", "identify_edge",
-    ],
+    "cutting.budgets": ["CutBudget", "PathDeviation", "cut_budget"],
+    "cutting.machine_terms": ["machine_deviations"],
+    "cutting.measured_parts": ["CauseFit", "EdgeFit", "fit_causes", "identify_edge"],
     "cutting.edge_errors": ["cusp_heights", "edge_error"],
     "cutting.motion": ["AxisLimits", "AxisMotion", "axis_motion"],
     "cutting.programs": ["TurningProgram"],

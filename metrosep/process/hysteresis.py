@@ -6,6 +6,9 @@ with thresholds 0 = r_0 < r_1 < ..., weights w_0 > 0, w_j >= 0. The inverse is o
 
     r'_i = sum_(j<=i) w_j (r_i - r_j),  w'_0 = 1 / w_0,  w'_i = -w_i / (W_i W_(i-1)),  W_i = w_0 + ... + w_i.
 
+A loop that is not symmetric has a growing curve in front of the plays (of the voltage) or behind them (of
+the displacement), a table of straight pieces; the inverse runs through it the other way.
+
 A stage remembers its turning points: every question needs the voltages that it has seen. Replay them
 (`history`), from a stage at rest that was never driven; a cycle over the full stroke wipes out what
 was before. Turning points of a course must be samples. After Kuhnen, Eur. J. Control 9 (2003) 407.
@@ -18,6 +21,7 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,6 +47,10 @@ _FINEST, _COARSEST = 40, 20
 """Thresholds over the range of the voltage."""
 _TURN, _FULL = 0.02, 0.95
 """Of the range: a return by less is noise; a sweep of more is a full stroke."""
+_BETTER = 0.9
+"""Of what the plays alone leave of a log: a curve must leave less."""
+_NODES, _FEW, _TRIES = 513, 600, 80
+"""Points of a curve; samples and trials by which one in front of the plays is sought."""
 _RATES, _MATTERS = 1.5, 3.0
 """Sweeps whose rates differ by that factor are compared; standard errors from which it is said."""
 
@@ -59,11 +67,16 @@ class PrandtlIshlinskii:
         The first above zero, the others not below.
     offset : float, m, optional
         Displacement of the stage that was never driven.
+    front : array_like, shape (2, k), V, optional
+        Growing voltages and what the plays get of them, growing from 0 at 0 V; straight between the points
+        and beyond. The voltage itself if omitted.
+    behind : array_like, shape (2, k), m, optional
+        Growing sums of the plays and the displacements they make, likewise.
 
     Raises
     ------
     DataError
-        If lengths differ, thresholds do not grow from 0, or a weight cannot be used.
+        If lengths differ, thresholds do not grow from 0, a weight cannot be used, or a curve does not grow.
     InvalidSamplesError
         If a value is NaN.
 
@@ -78,8 +91,13 @@ class PrandtlIshlinskii:
     thresholds: FloatArray
     weights: FloatArray
     offset: float = 0.0
+    front: FloatArray | None = None
+    behind: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        for name in ("front", "behind"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _checked_curve(getattr(self, name), name))
         r = complete(self.thresholds, "thresholds", "state every threshold")
         w = complete(self.weights, "weights", "state every weight")
         same_length(thresholds=r, weights=w)
@@ -124,8 +142,8 @@ class PrandtlIshlinskii:
             np.atleast_1d(np.asarray(voltage)), "voltage", "a course cannot have gaps"
         )
         before = _history(history)
-        made = _plays(np.concatenate([before, course]), self.thresholds, self.weights)
-        return frozen(self.offset + made[before.size :])
+        made = self._sums(np.concatenate([before, course]))
+        return frozen(_through(self.behind, self.offset + made[before.size :]))
 
     @described_by(displacement, errors=False)
     def voltage_for(self, displacement: ArrayLike, *, history: ArrayLike) -> FloatArray:
@@ -153,10 +171,15 @@ class PrandtlIshlinskii:
         """
         wanted = complete(displacement, "displacement", "a course cannot have gaps")
         before = _history(history)
-        seen = _plays(before, self.thresholds, self.weights) if before.size else before
+        seen = self._sums(before) if before.size else before
         r, w = self._inverse()
-        made = _plays(np.concatenate([seen, wanted - self.offset]), r, w)
-        return frozen(made[before.size :])
+        sums = _through(self.behind, wanted, back=True) - self.offset
+        made = _plays(np.concatenate([seen, sums]), r, w)
+        return frozen(_through(self.front, made[before.size :], back=True))
+
+    def _sums(self, voltage: FloatArray) -> FloatArray:
+        """Return the sums of the plays for a course of voltages, without the offset."""
+        return _plays(_through(self.front, voltage), self.thresholds, self.weights)
 
     def _inverse(self) -> tuple[FloatArray, FloatArray]:
         """Return thresholds in m and weights in V/m of the inverse, equation (27)."""
@@ -201,7 +224,10 @@ class PrandtlIshlinskii:
 
         Notes
         -----
-        Non-negative least squares on plays at fixed thresholds, plus a constant. The first rise from
+        Non-negative least squares on plays at fixed thresholds, plus a constant. Where a minor loop can be left
+        out, a curve behind the plays and one in front of them are tried too (of third order, growing); the
+        one is taken that leaves least of the log (RMS), if that is at most nine tenths of what the plays alone
+        leave, and no more than that on the loop that is left out. The first rise from
         rest is explained as one of a stage never driven; a log that starts elsewhere tells nothing of
         thresholds before the voltage first turns.
         """
@@ -222,6 +248,8 @@ class HysteresisFit(Frozen):
         Of what the model leaves of the samples it was fitted to.
     worst_left_out : float, m
         Largest residual on the minor loop that was left out; NaN where there was none.
+    curve : {"none", "front", "behind"}
+        Which curve the model has: none, of the voltage, or of the displacement.
     messages : tuple of str
         What to know.
     """
@@ -230,6 +258,7 @@ class HysteresisFit(Frozen):
     u_weights: FloatArray
     rms: float
     worst_left_out: float
+    curve: Literal["none", "front", "behind"] = "none"
     messages: tuple[str, ...] = ()
 
 
@@ -382,8 +411,6 @@ def _each_play(x: FloatArray, thresholds: FloatArray) -> FloatArray:
 def _identified(
     recording: Recording, voltage: str, displacement: str, spacing: float | None
 ) -> HysteresisFit:
-    from scipy.optimize import nnls
-
     v, d, lost = samples(recording, voltage, displacement)
     extent = float(np.ptp(v))
     if not extent > 0.0:
@@ -396,24 +423,42 @@ def _identified(
         )
     turns = _turning_points(v, _TURN * extent)
     fitted, partial = _left_out(v, turns, extent)
-    plays = _each_play(v, thresholds)
-    scale = float(np.abs(d).max()) or 1.0
-    columns = np.column_stack([plays, np.ones(v.size), -np.ones(v.size)])
-    found, _ = nnls(columns[fitted], d[fitted] / scale)
-    weights, offset = scale * found[:-2], scale * (found[-2] - found[-1])
-    if not weights[0] > 0.0:
+    left_out = ~fitted
+    tried = {"none": _fitted(v, d, thresholds, fitted)}
+    if not tried["none"].weights[0] > 0.0:
         raise DegenerateFitError(
             "the displacement does not grow with the voltage: name the channels, and look at the sign"
         )
-    rest = d - offset - plays @ weights
-    rms = float(np.sqrt(np.mean(rest[fitted] ** 2)))
+    if left_out.any():
+        tried["behind"] = _fitted(v, d, thresholds, fitted, behind=True)
+        front = _found_front(v, d, thresholds, fitted, turns)
+        tried["front"] = _fitted(v, d, thresholds, fitted, front=front)
+    left = {n: _rms((f.made - d)[left_out]) for n, f in tried.items()} if len(tried) > 1 else {}
+    whole = {n: _rms(f.made - d) for n, f in tried.items() if f.is_usable}
+    curve = min(whole, key=lambda n: whole[n])
+    if curve != "none" and (whole[curve] > _BETTER * whole["none"] or left[curve] > left["none"]):
+        curve = "none"
+    own = tried[curve]
+    rest = d - own.made
+    weights, rms = own.weights, _rms(rest[fitted])
     used = np.flatnonzero((weights > 0.0) | (thresholds == 0.0))
-    basis = np.column_stack([plays[fitted][:, used], np.ones(int(fitted.sum()))])
+    basis = np.column_stack([own.plays[fitted][:, used], np.ones(int(fitted.sum()))])
     freedom = max(1, int(fitted.sum()) - basis.shape[1])
     spread = math.sqrt(float((rest[fitted] ** 2).sum()) / freedom)
     cov = np.linalg.pinv(basis.T @ basis)
     u = spread * np.sqrt(np.diag(cov))[:-1]
     said = []
+    if curve != "none":
+        of = (
+            "voltage, in front of the plays"
+            if curve == "front"
+            else "displacement, behind the plays"
+        )
+        said.append(
+            f"the loops are not symmetric: with a curve of the {of}, {format_length(whole[curve])} RMS is left "
+            f"of the log, without it {format_length(whole['none'])}; on the loop that was not used "
+            f"{format_length(left[curve])} and {format_length(left['none'])}"
+        )
     if not partial:
         said.append(
             "the log holds full strokes only: nothing tells how the stage answers smaller ones; add two nested "
@@ -424,9 +469,126 @@ def _identified(
     if lost:
         said.append(f"{lost} samples without a value were omitted")
     said += _rates(recording, v, rest, turns, extent)
-    worst = float(np.abs(rest[~fitted]).max()) if (~fitted).any() else math.nan
-    model = PrandtlIshlinskii(thresholds[used], weights[used], float(offset))
-    return HysteresisFit(model, frozen(u), rms, worst, tuple(said))
+    worst = float(np.abs(rest[left_out]).max()) if left_out.any() else math.nan
+    model = PrandtlIshlinskii(thresholds[used], weights[used], own.offset, own.front, own.behind)
+    return HysteresisFit(model, frozen(u), rms, worst, curve, tuple(said))  # type: ignore[arg-type]
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitted:
+    """Plays with weights, an offset and a curve, and what they make of the voltages of a log."""
+
+    weights: FloatArray
+    offset: float
+    plays: FloatArray
+    made: FloatArray  # m
+    front: FloatArray | None = None
+    behind: FloatArray | None = None
+    is_usable: bool = True  # whether its curve grows
+
+
+def _fitted(
+    v: FloatArray,
+    d: FloatArray,
+    thresholds: FloatArray,
+    fitted: NDArray[np.bool_],
+    *,
+    front: FloatArray | None = None,
+    behind: bool = False,
+) -> _Fitted:
+    """Return the plays that explain displacements, with a curve in front that is given, or one behind."""
+    from scipy.optimize import nnls
+
+    plays = _each_play(_through(front, v), thresholds)
+    scale = float(np.abs(d).max()) or 1.0
+    free = [np.ones(v.size)]
+    low, high = float(d.min()), float(d.max())
+    if behind:
+        # sums of the plays = d + a b1(d) + b b2(d): linear in the coefficients, of either sign
+        free += [-b for b in _bends(d, low, high)]
+    extra = np.column_stack([*free, *(-c for c in free)])
+    columns = np.column_stack([plays, extra])
+    found, _ = nnls(columns[fitted], d[fitted] / scale)
+    weights = scale * found[: thresholds.size]
+    both = scale * found[thresholds.size :]
+    signed = both[: len(free)] - both[len(free) :]
+    offset, sums = float(signed[0]), plays @ weights + float(signed[0])
+    if not behind:
+        return _Fitted(weights, offset, plays, sums, front, None)
+    at = np.linspace(low, high, _NODES)
+    curve = np.stack(
+        [at + sum(c * b for c, b in zip(signed[1:], _bends(at, low, high), strict=True)), at]
+    )
+    grows = bool((np.diff(curve[0]) > 0.0).all())
+    made = _through(curve, sums) if grows else sums
+    return _Fitted(weights, offset, plays, made, None, curve, grows)
+
+
+def _bends(x: FloatArray, low: float, high: float) -> list[FloatArray]:
+    """Return two curves that vanish at both ends of a range: of second and of third order."""
+    s = (x - low) / (high - low)
+    return [s * (1.0 - s), s * (1.0 - s) * (1.0 - 2.0 * s)]
+
+
+def _found_front(
+    v: FloatArray,
+    d: FloatArray,
+    thresholds: FloatArray,
+    fitted: NDArray[np.bool_],
+    turns: list[int],
+) -> FloatArray:
+    """Return the curve in front of the plays that leaves least of the samples that are fitted."""
+    from scipy.optimize import minimize
+
+    low, high = float(v.min()), float(v.max())
+    at = np.linspace(low, high, _NODES)
+    # plays are exact at samples, and the turns are among them: fewer samples do
+    few = np.unique(np.append(np.arange(0, v.size, max(1, v.size // _FEW)), turns))
+    zero = float(np.clip(0.0, low, high))
+
+    def curve(c: FloatArray) -> FloatArray:
+        def bent(x: FloatArray) -> FloatArray:
+            ends = _bends(np.clip(x, low, high), low, high)
+            return np.asarray(x + (high - low) * (c[0] * ends[0] + c[1] * ends[1]))
+
+        return np.stack([at, bent(at) - (bent(np.array([zero]))[0] - zero)])
+
+    def left(c: FloatArray) -> float:
+        made = curve(c)
+        if not (np.diff(made[1]) > 0.0).all():
+            return math.inf
+        own = _fitted(v[few], d[few], thresholds, fitted[few], front=made)
+        return _rms((own.made - d[few])[fitted[few]])
+
+    options: Any = {"maxfev": _TRIES, "initial_simplex": [[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]]}
+    return curve(minimize(left, np.zeros(2), method="Nelder-Mead", options=options).x)
+
+
+def _checked_curve(values: ArrayLike, name: str) -> FloatArray:
+    """Return a curve of two growing rows, or refuse it."""
+    curve = frozen_float(values, name=name, ndim=2)
+    if curve.shape[0] != 2 or curve.shape[1] < 2 or not (np.diff(curve, axis=1) > 0.0).all():
+        raise DataError(
+            f"{name} must have two rows that grow from point to point, got the shape {curve.shape}"
+        )
+    return curve
+
+
+def _through(curve: FloatArray | None, x: FloatArray, *, back: bool = False) -> FloatArray:
+    """Return what a curve makes of values, straight beyond its ends; or what made them."""
+    if curve is None:
+        return x
+    a, b = (curve[1], curve[0]) if back else (curve[0], curve[1])
+    found = np.interp(x, a, b)
+    for end, inner in ((0, 1), (-1, -2)):
+        beyond = x < a[0] if end == 0 else x > a[-1]
+        slope = (b[inner] - b[end]) / (a[inner] - a[end])
+        found = np.where(beyond, b[end] + (x - a[end]) * slope, found)
+    return np.asarray(found)
 
 
 def _turning_points(v: FloatArray, band: float) -> list[int]:

@@ -7,8 +7,8 @@ are actual minus nominal along z, out of the material. After slow-tool-servo, se
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any, get_args
 
 import numpy as np
@@ -16,15 +16,18 @@ import numpy as np
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import described_by
-from metrosep.core.errors import DataError, LimitError, MetrosepError
+from metrosep.core.errors import DataError, LimitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
+from metrosep.process._job_causes import cause_of, checked_removed, setting_cause
 from metrosep.process._log_places import held_on_points, on_spiral
 from metrosep.process._motion import FollowUp, FollowUpMap
 from metrosep.process._plain import frozen, length
-from metrosep.process._setting_equations import FACTORS, height_errors, polar_slopes
+from metrosep.process._setting_equations import polar_slopes
+from metrosep.process.cutting.course_errors import course_error
 from metrosep.process.cutting.edge_errors import Servo
+from metrosep.process.cutting.motion import AxisLimits, AxisMotion, axis_motion
 from metrosep.process.cutting.programs import TurningProgram
 from metrosep.process.cutting.servos import contact_path
 from metrosep.process.feedforward import corrected_path, left_over
@@ -32,6 +35,7 @@ from metrosep.process.interpolation import Interpolation, knot_slopes
 from metrosep.process.machining_times import MachiningTime, machining_time
 from metrosep.process.nose import RoundNose
 from metrosep.process.nose_checks import gouge_check
+from metrosep.process.path_errors import PathErrorMap, course_of
 from metrosep.process.path_points import (
     Distribution,
     PathPoints,
@@ -50,6 +54,10 @@ from metrosep.process.tool_settings import ToolSetting
 __all__ = ["JobPlan", "TurningJob"]
 
 _LEAD_IN = 3
+_PARTS = 10
+"""Moments within a block at which a plan or a prediction looks."""
+_MOST_COUNTS, _NEARLY = 14, 0.98
+"""Counts that are tried for both axes; a count that leaves more than that of the tolerance is near enough."""
 _MOST_PLANS = 5
 """Searches with a tighter tolerance until the tip path, which is more curved, holds it too."""
 _USUAL_NOSE = 0.5e-3
@@ -70,10 +78,13 @@ class JobPlan:
         Search for the number of blocks.
     time : MachiningTime
         Of one pass.
+    motion : AxisMotion, optional
+        What the axes must do at the speed of the job, where limits were given.
     """
 
     points: PointPlan
     time: MachiningTime
+    motion: AxisMotion | None = None
 
     @property
     def path(self) -> SpiralPath:
@@ -89,6 +100,11 @@ class JobPlan:
     def minutes(self) -> float:
         """Time of one pass in minutes."""
         return self.time.seconds / 60.0
+
+    @property
+    def rpm_max(self) -> float:
+        """Spindle speed that all limits of the axes allow, 1/min; infinite where none was given."""
+        return math.inf if self.motion is None else self.motion.rpm_max
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,6 +250,8 @@ class TurningJob:
         interpolation: Interpolation = "spline",
         annulus: tuple[float | None, float | None] | None = None,
         lead_in: int = _LEAD_IN,
+        servo: Servo = "Z",
+        limits: Mapping[str, AxisLimits] | None = None,
         **options: Any,
     ) -> JobPlan:
         """Return the fewest blocks whose interpolation error holds a tolerance.
@@ -244,19 +262,24 @@ class TurningJob:
             Region that counts; the whole part if omitted.
         lead_in : int, optional
             Points before the rim, so that the free end of the spline is not on the part.
+        servo : {"Z", "XZ"}, optional
+            What follows the surface, as of `program`: with "XZ" the error is that of X, azimuth and Z together.
+        limits : mapping of str to AxisLimits, optional
+            Of X, C and Z: the plan then says how fast the spindle may turn, see `axis_motion`.
         **options : object
             Of `points_for_tolerance`.
 
         Returns
         -------
         JobPlan
-            Path, number of blocks, minutes.
+            Path, number of blocks, minutes, motion of the axes.
 
         Raises
         ------
         LimitError, DataError
-            As of `points_for_tolerance`.
+            As of `points_for_tolerance`, `program` and `axis_motion`.
         """
+        numbers.choice(servo, "servo", get_args(Servo))
         for name in options:
             if name in _OF_THE_JOB:
                 raise DataError(_OF_THE_JOB[name])
@@ -268,22 +291,106 @@ class TurningJob:
                 self.form, self.radius, self.feed, wanted, annulus=annulus, lead_in=lead_in,
                 core=self.core, sense=self._way, **options,
             )  # fmt: skip
-            if self.nose is None:
-                return JobPlan(found, self.time(found.path))
+            if self.nose is None or servo == "XZ":
+                break
             error = found.path.error_map(self._surface)
             reached = error.peak_to_valley(annulus=annulus, azimuth=options.get("azimuth"))
             if reached <= tolerance:
                 said = "the search is that of cut points, the P-V that of the tip path"
                 messages = (*found.messages, said)
-                tip = replace(
+                found = replace(
                     found, peak_to_valley=reached, tolerance=tolerance, messages=messages
                 )
-                return JobPlan(tip, self.time(tip.path))
+                break
             wanted *= 0.98 * tolerance / reached
-        raise LimitError(
-            f"no number of blocks was found whose tip path holds {tolerance:.6g} m P-V; the last leaves "
-            f"{reached:.6g} m: take a smaller nose or a larger tolerance"
+        else:
+            raise LimitError(
+                f"no number of blocks was found whose tip path holds {tolerance:.6g} m P-V; the last leaves "
+                f"{reached:.6g} m: take a smaller nose or a larger tolerance"
+            )
+        if servo == "XZ":
+            self._require_nose_for_xz()
+            if options.get("azimuth") is not None:
+                raise DataError('with servo "XZ" a plan is over an area: leave azimuth out')
+            parts = options.get("sub_points", _PARTS)
+            found = self._both_axes(found, tolerance, annulus, parts)
+        motion = None
+        if limits is not None:
+            program = self.program(found.path, servo=servo, cut_points=self.nose is None)
+            motion = axis_motion(program, limits, block_time=self.block_time)
+        return JobPlan(found, self.time(found.path), motion)
+
+    def _require_nose_for_xz(self) -> None:
+        if self.nose is None:
+            raise DataError(
+                'servo "XZ" puts the contacts of a nose on the spiral: give the nose of the tool'
+            )
+
+    def _both_axes(
+        self,
+        start: PointPlan,
+        tolerance: float,
+        annulus: tuple[float | None, float | None] | None,
+        parts: int,
+    ) -> PointPlan:
+        """Return the plan whose count holds for X, azimuth and Z together, sought from one for Z."""
+        power = 2.0 if start.path.interpolation == "linear" else 4.0
+        tried: dict[int, float] = {}
+        fewest = int(start.tried.min())
+        n, over, under = (
+            start.n_points,
+            0,
+            0,
+        )  # over: the largest that fails; under: the smallest that holds
+        for _ in range(_MOST_COUNTS):
+            spiral = self._counted(start.path, n)
+            made = self._error_map(spiral, "XZ", parts)
+            tried[n] = error = made.peak_to_valley(annulus=annulus)
+            over, under = (over, n) if error <= tolerance else (max(over, n), under)
+            if under == n and error > _NEARLY * tolerance:
+                break
+            if under and under - max(over, fewest - 1) <= max(1, under // 500):
+                break
+            # errors fall with a power of the count; never back beyond what was tried
+            n = math.ceil(n * (error / (0.995 * tolerance)) ** (1.0 / power))
+            if under:
+                n = min(max(n, over + 1, fewest), under - 1)
+            elif n <= over:
+                n = math.ceil(1.05 * over)
+        if not under:
+            raise LimitError(
+                f"no number of blocks was found that holds {tolerance:.6g} m P-V with servo XZ; {over} leave "
+                f"{tried[over]:.6g} m: take a larger tolerance"
+            )
+        counts = np.array(sorted(tried), dtype=np.int64)
+        said = "the P-V is that of the tip with X, azimuth and Z between the points as the control joins them"
+        return PointPlan(
+            under, self._counted(start.path, under), tried[under], tolerance, counts,
+            np.array([tried[k] for k in counts.tolist()]), not (counts[counts > under].size and max(
+                tried[k] for k in counts[counts > under].tolist()) > tolerance),
+            (*start.path.messages, said),
+        )  # fmt: skip
+
+    def _counted(self, spiral: SpiralPath, n: int) -> SpiralPath:
+        """Return the path with another count of blocks."""
+        own = {
+            f.name: getattr(spiral, f.name)
+            for f in fields(SpiralPath)
+            if f.init and f.name not in ("radius", "feed", "step", "n_points")
+        }
+        return SpiralPath.with_points(self.radius, self.feed, n, **own)
+
+    def _error_map(self, spiral: SpiralPath, servo: Servo, parts: int) -> PathErrorMap:
+        """Return the error between the points of a path, as the servo follows them."""
+        if servo == "Z":
+            return spiral.error_map(self._surface, sub_points=parts)
+        self._require_nose_for_xz()
+        assert self.nose is not None  # noqa: S101  # just seen
+        program = self.program(spiral, servo=servo)
+        z = course_error(
+            program, self.form, Edge.of(self.nose, self.sense), parts, first=spiral.lead_in
         )
+        return PathErrorMap(frozen(z), spiral, self.form, parts, course_of(spiral, self.form))
 
     def time(self, path: SpiralPath | JobPlan) -> MachiningTime:
         """Return the time of one pass.
@@ -317,7 +424,8 @@ class TurningJob:
         follow_up: FollowUp | FollowUpMap | float | None = None,
         others: Sequence[Contribution] = (),
         removed: Sequence[str] = (),
-        sub_points: int = 10,
+        sub_points: int = _PARTS,
+        servo: Servo = "Z",
     ) -> Prediction:
         """Return the form error that the part will have, cause by cause.
 
@@ -336,6 +444,8 @@ class TurningJob:
             Taken off each map by least squares over the area, as an evaluation does.
         sub_points : int, optional
             Samples between two points of the program.
+        servo : {"Z", "XZ"}, optional
+            What follows the surface, as of `program`.
 
         Returns
         -------
@@ -356,15 +466,16 @@ class TurningJob:
         -----
         A log is placed by the turn that its radius tells and by its azimuth. Between its samples
         lie straight lines; a stretch of more than 2.5 steps without a sample is a hole, NaN there.
-        With a nose the interpolation error is that of the tip path, at the place of the tip. Cusps
-        are not in the budget.
+        With a nose the interpolation error is that of the tip path, at the place of the tip; with servo
+        "XZ" at the place of the contact. Cusps are not in the budget.
         """
         spiral = self._own(path)
         _check_causes(tool, follow_up, float_too=True)
         if not isinstance(others, list | tuple):
             raise DataError(f"others must be a list of contributions, got {type(others).__name__}")
         removed = checked_removed(removed)
-        error = spiral.error_map(self._surface, sub_points=sub_points)
+        numbers.choice(servo, "servo", get_args(Servo))
+        error = self._error_map(spiral, servo, sub_points)
         rho, azimuth, weights = error.rho, error.theta, error.area
         messages = [] if self.nose else [self._no_tip_path(rho, azimuth)]
         messages += error.messages
@@ -447,6 +558,7 @@ class TurningJob:
         X, azimuth, t, speed = self._course(spiral)
         rates = spiral.interpolation == "pvt"
         if servo == "XZ":
+            _refuse_fitted(spiral)
             X, azimuth, Z, said = contact_path(self.form, X, azimuth, edge)
             velocities = None
         else:
@@ -505,6 +617,7 @@ class TurningJob:
         tool: ToolSetting | None = None,
         follow_up: FollowUp | FollowUpMap | None = None,
         gain: float = 1.0,
+        servo: Servo = "Z",
     ) -> TurningProgram:
         """Return the program that makes up for the nose, its setting and a logged follow-up error.
 
@@ -516,6 +629,9 @@ class TurningJob:
             Log of the dry run with places on the part; its negative is added.
         gain : float, optional
             Share of the follow-up error that is taken, above 0 and at most 1.
+        servo : {"Z", "XZ"}, optional
+            What follows the surface, as of `program`: with "XZ" the contacts of the tool as it is set lie on
+            the spiral, and X makes up for it too. A log is one of Z in both.
 
         Returns
         -------
@@ -550,6 +666,9 @@ class TurningJob:
         _check_causes(tool, follow_up, float_too=False)
         gain = numbers.positive(numbers.between(gain, "gain", 0.0, 1.0), "gain")
         spiral = self._own(path)
+        numbers.choice(servo, "servo", get_args(Servo))
+        if servo == "XZ":
+            return self._compensated_both(spiral, tool, follow_up, gain)
         points = spiral.points(self._surface)
         if self.nose is None:
             change, residual, messages = self._cut_points(points, tool)
@@ -578,6 +697,40 @@ class TurningJob:
             frozen(X), frozen(azimuth), frozen(z), t, "cut points" if self.nose is None else "tip",
             joined, velocities, points.z, points.lead_in, freeze_mapping(residual),
             tuple(messages), freeze_mapping(audit),
+        )  # fmt: skip
+
+    def _compensated_both(
+        self,
+        spiral: SpiralPath,
+        tool: ToolSetting | None,
+        follow_up: FollowUp | FollowUpMap | None,
+        gain: float,
+    ) -> TurningProgram:
+        """Return the program of X and Z whose contacts, of the tool as it is set, lie on the spiral."""
+        self._require_nose_for_xz()
+        assert self.nose is not None  # noqa: S101  # just seen
+        _refuse_fitted(spiral)
+        nominal = self.program(spiral, servo="XZ")
+        X, azimuth, Z, said = nominal.X, nominal.azimuth, nominal.Z, [*nominal.messages]
+        residual: dict[str, float] = {}
+        audit: dict[str, Any] = {"n_points": X.size, "gain": gain, "servo": "XZ", **self._tool()}
+        if tool is not None:
+            edge = Edge.of(self.nose, self.sense, tool)
+            rho, theta, _, _ = self._course(spiral)
+            X, azimuth, Z, _ = contact_path(self.form, rho, theta, edge)
+            made = tips(self.form, X, azimuth, edge, strict=True)
+            _, residual, unknown = left_over(tool, edge.by_setting(made), np.abs(made.rho))
+            said += [*(f"tool setting: {m}" for m in tool.messages), *unknown]
+            audit |= {f"{n}_um": getattr(tool, n) * 1e6 for n in ("dx", "dy", "dR")}
+        if follow_up is not None:
+            rho = self._course(spiral)[0]
+            Z = Z - gain * held_on_points(follow_up, spiral, rho, said)
+        rates = None
+        if spiral.interpolation == "pvt":
+            rates = frozen(np.stack([knot_slopes(nominal.t, v) for v in (X, azimuth, Z)]))
+        return TurningProgram(
+            frozen(X), frozen(azimuth), frozen(Z), nominal.t, "tip", spiral.interpolation, rates,
+            nominal.Z, spiral.lead_in, freeze_mapping(residual), tuple(said), freeze_mapping(audit),
         )  # fmt: skip
 
     def _cut_points(
@@ -661,163 +814,9 @@ def _check_causes(tool: object, follow_up: object, *, float_too: bool) -> None:
         )
 
 
-# ---- private helpers: the causes of form error at the samples of a spiral ----------------------
-
-_NAME = "tool setting"
-_STEP = {"dx": 1e-8, "dy": 1e-8, "dR": 1e-6}
-"""m: at which the effect of a factor that is not determined is looked for."""
-_NO_EFFECT = 1e-9
-"""Of height for a factor, m/m: rounding of a form that does not show it."""
-_BENT, _TINY = 0.5, 1e-11
-"""What is not linear within one u, as a share of what is and in m, above which a message says so."""
-
-
-def setting_cause(
-    form: Form,
-    tool: ToolSetting,
-    rho: FloatArray,
-    azimuth: FloatArray,
-    weights: FloatArray,
-    removed: tuple[str, ...],
-    messages: list[str],
-) -> Contribution:
-    """Return the error of the setting with what its uncertainty can do; NaN in the uncut core."""
-    messages += [f"{_NAME}: {m}" for m in tool.messages]
-    cut = rho > abs(tool.dy) * (1.0 + 1e-9) + 1e-12
-    x, y = rho[cut] * np.cos(azimuth[cut]), rho[cut] * np.sin(azimuth[cut])
-    z = np.full(rho.shape, np.nan)
-    z[cut] = tool.error(form, x, y)
-    if tool.dy and not cut.all():
-        messages.append(
-            f"{int((~cut).sum())} samples within |dy| of the spindle axis are not cut and have "
-            "no error"
+def _refuse_fitted(spiral: SpiralPath) -> None:
+    if spiral.knots == "least-squares":
+        raise DataError(
+            'knots="least-squares" are heights fitted between the points of Z alone: with servo "XZ" leave '
+            "knots out"
         )
-    elif not cut.all():
-        messages.append(
-            f"the {_NAME} has no error on the spindle axis: no azimuth is defined there"
-        )
-    maps, cov = _modes(form, tool, (x, y), z[cut], messages)
-    modes = np.full((len(maps), rho.size), np.nan)
-    for mode, values in zip(modes, maps, strict=True):
-        mode[cut] = values
-    if removed:
-        basis = _basis(rho, azimuth, removed)
-        z = _without(z, basis, weights)
-        for mode in modes:
-            mode[:] = _without(mode, basis, weights)
-    if cov is None or not cov.size:
-        return Contribution(_NAME, map=z, u=None if cov is None else 0.0)
-    return Contribution(_NAME, map=z, modes=modes, cov=cov)
-
-
-def _modes(
-    form: Form,
-    tool: ToolSetting,
-    at: tuple[FloatArray, FloatArray],
-    z: FloatArray,
-    messages: list[str],
-) -> tuple[list[FloatArray], FloatArray | None]:
-    """Return the change of the error with each uncertain factor, and their covariance."""
-    cov = tool.covariance
-    if cov is None:
-        unknown = [n for n in FACTORS if getattr(tool, n) and getattr(tool, f"u_{n}") is None]
-        messages.append(
-            f"the uncertainty of {', '.join(unknown) or 'the setting'} is not known: the P-V of "
-            f"the {_NAME} has no u"
-        )
-        return [], None
-    maps: list[FloatArray] = []
-    used: list[int] = []
-    bent = linear = 0.0
-    for i, name in enumerate(FACTORS):
-        u = math.sqrt(float(cov[i, i]))
-        if u == 0.0:
-            continue
-        step = u if math.isfinite(u) else _STEP[name]
-        try:
-            ahead, behind = (
-                height_errors(form, *at, _off_by(tool, i, way * step), exact=True)
-                for way in (1.0, -1.0)
-            )
-        except MetrosepError as error:
-            messages.append(f"the P-V of the {_NAME} has no u: with {name} one u off, {error}")
-            return [], None
-        half = 0.5 * (ahead - behind)
-        if np.isnan(half).all():
-            messages.append(
-                f"the P-V of the {_NAME} has no u: with {name} one u off nothing is cut"
-            )
-            return [], None
-        if math.isinf(u):
-            if float(np.nanmax(np.abs(half))) > _NO_EFFECT * step:
-                messages.append(
-                    f"{name} is not determined (its u is infinite): the P-V of the {_NAME} has no u"
-                )
-                return [], None
-            messages.append(
-                f"{name} is not determined, and of no effect on this form to first order: it is "
-                "not counted"
-            )
-            continue
-        bent += _extent(0.5 * (ahead + behind) - z)
-        linear += _extent(half)
-        maps.append(half / step)
-        used.append(i)
-    if bent > max(_BENT * linear, _TINY):
-        messages.append(
-            f"the error of the {_NAME} is not linear within its uncertainty: u and expected P-V, "
-            "of first order, are too small"
-        )
-    if not used:
-        return [], None if np.isinf(np.diag(cov)).any() else np.empty((0, 0))
-    square = cov[np.ix_(used, used)]
-    return maps, np.where(np.isfinite(square), square, 0.0)
-
-
-def _off_by(tool: ToolSetting, factor: int, change: float) -> tuple[float, float, float]:
-    """Return a setting with one factor changed."""
-    dx, dy, dR = (v + (change if k == factor else 0.0) for k, v in enumerate(tool.values.tolist()))
-    return dx, dy, dR
-
-
-def _extent(values: FloatArray) -> float:
-    return float(np.nanmax(values) - np.nanmin(values))
-
-
-def cause_of(
-    name: str,
-    z: FloatArray,
-    rho: FloatArray,
-    azimuth: FloatArray,
-    weights: FloatArray,
-    removed: tuple[str, ...],
-) -> Contribution:
-    """Return a contribution without the removed freedoms."""
-    if removed:
-        z = _without(z, _basis(rho, azimuth, removed), weights)
-    return Contribution(name, map=z)
-
-
-def _basis(rho: FloatArray, azimuth: FloatArray, removed: tuple[str, ...]) -> FloatArray:
-    columns = [np.ones_like(rho)] if "piston" in removed else []
-    if "tilt" in removed:
-        scale = float(rho.max())
-        columns += [rho * np.cos(azimuth) / scale, rho * np.sin(azimuth) / scale]
-    return np.stack(columns)
-
-
-def _without(z: FloatArray, basis: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return a map without what a basis explains of it, by least squares over the area."""
-    good = ~np.isnan(z)
-    weighted = basis[:, good] * weights[good]
-    normal = weighted @ basis[:, good].T
-    found, *_ = np.linalg.lstsq(normal, weighted @ z[good], rcond=None)
-    return np.asarray(z - found @ basis, dtype=np.float64)
-
-
-def checked_removed(removed: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of what is removed."""
-    if not isinstance(removed, str | list | tuple | set | frozenset):
-        raise DataError(f'removed must be of "piston" and "tilt", got {removed!r}')
-    names = (removed,) if isinstance(removed, str) else tuple(removed)
-    return tuple(numbers.choice(n, "removed", ("piston", "tilt")) for n in names)

@@ -307,7 +307,7 @@ def test_a_file_that_misses_its_tolerance_is_not_written(tmp_path):
 
 @pytest.mark.parametrize(
     ("hole", "said"),
-    [("file", "cuts nothing at 3 of 20000 places"), ("program", "that the program leaves uncut")],
+    [("file", "cuts nothing at 3 of 20800 places"), ("program", "that the program leaves uncut")],
 )
 def test_places_that_the_file_does_not_cut_are_no_pass(tmp_path, monkeypatch, hole, said):
     """A NaN compares false with everything: it must not look like a part that is right."""
@@ -473,3 +473,62 @@ def test_a_ring_of_four_turns_is_judged_in_both_senses(tmp_path, sense):
     )
 
     assert 0.0 < made.check.form_error < made.check.part.peak_to_valley
+
+
+def test_one_bump_and_one_wrong_point_of_a_large_part_are_found():
+    """A hundred places at random see neither; every block is looked at, whatever their number is."""
+    form = Expression("9*x**2+14*y**2+3*x*y")
+    nose = RoundNose(0.4e-3, math.radians(-15))
+    turn = 2 * np.pi * np.arange(0, 36, 1 / 400)
+    X = 5.7e-3 - 20e-6 * turn / (2 * np.pi)
+    Z = tip_path(form, X, -turn, nose=nose, sense="clockwise").z
+    made = TurningProgram(X, -turn, Z, turn, "tip", "spline")
+    # a bump of 30 nm that the path does not know is cut away
+    for a, b in ((-3.1e-3, 4.3e-3), (4.9e-3, -2.2e-3)):
+        bump = Expression(
+            f"9*x**2+14*y**2+3*x*y+3e-8*exp(-((x-({a}))**2+(y-({b}))**2)/(2*9e-5**2))"
+        )
+        found = check_program(made, nose, bump, places=100)
+        assert found.form_error == pytest.approx(
+            30 * NM, abs=1 * NM
+        )  # turns 20 um apart, a third of a block
+        assert found.course == pytest.approx(30 * NM, abs=1 * NM)
+    # a point that stands 2 nm too high between turns is seen against the plan only
+    wrong = Z.copy()
+    wrong[7321] += 2 * NM
+    other = TurningProgram(X, -turn, wrong, turn, "tip", "spline")
+    found = check_program(other, nose, form, planned=made, places=100)
+    assert found.difference == pytest.approx(2 * NM, abs=0.01 * NM)
+    moved = X.copy()
+    moved[7321] += 50 * NM  # at its contact a slope of some percent
+    found = check_program(
+        TurningProgram(moved, -turn, Z, turn, "tip", "spline"),
+        nose,
+        form,
+        planned=made,
+        places=100,
+    )
+    rho, theta = X[7321], -turn[7321]
+    x, y = rho * np.cos(theta), rho * np.sin(theta)
+    slope = (18 * x + 3 * y) * np.cos(theta) + (28 * y + 3 * x) * np.sin(theta)
+    assert found.difference == pytest.approx(abs(slope) * 50 * NM, rel=0.1, abs=0.0)
+
+
+def test_a_file_of_many_blocks_is_read_in_little_memory(tmp_path):
+    """A block keeps its four numbers; lists of Python kept 500 bytes."""
+    import tracemalloc
+
+    n = 60_000
+    target = tmp_path / "many.nc"
+    with target.open("w", encoding="ascii", newline="\n") as out:
+        out.write("(quantity tip)\nG90 G21\nG93 G61\n")
+        for k in range(n):
+            out.write(f"G1 X{5 - 1e-5 * k:.6f} C{0.1 * k:.4f} Z{1e-6 * (k % 7):.7f} F600\n")
+        out.write("M30\n")
+    tracemalloc.start()
+    found = read_program(target, LatheAxes("tool ccw", inverse_time="1/min"))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(found) == n
+    assert found.duration == pytest.approx(0.1 * (n - 1), abs=1e-6)
+    assert peak < 100 * n

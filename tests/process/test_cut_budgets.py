@@ -1,6 +1,7 @@
 """The budget on the cut surface against the full cut, and a measured part that tells its tool."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,13 +10,16 @@ from metrosep.core.errors import DataError, DegenerateFitError, InvalidSamplesEr
 from metrosep.core.surface import Surface
 from metrosep.forms import Expression, Sphere, Toric
 from metrosep.process import (
+    Contribution,
     EdgeProfile,
+    ErrorBudget,
     PathDeviation,
     RoundNose,
     ToolSetting,
     TurningJob,
     TurningProgram,
     cut_budget,
+    fit_causes,
     identify_edge,
     tip_path,
     virtual_cut,
@@ -226,3 +230,35 @@ def test_the_axis_of_a_part_may_lie_anywhere_on_its_map():
         assert found.values["dx"] == pytest.approx(wanted, abs=1e-11)
     with pytest.raises(DataError, match="no point in the ring"):
         identify_edge(moved, SKEW, **words)
+
+
+def test_causes_that_leave_one_map_are_named(rng):
+    """X off by 1 um all along and a setting dx of 1 um: no part tells them apart."""
+    nose = RoundNose(R)
+    made = program(SKEW, nose, interpolation="linear")
+    x, y = places(rng, 1.5e-3, 2.1e-3)
+    t, flat = made.t[[0, -1]], np.zeros(2)
+    moves = {
+        "slide": PathDeviation(t, flat + 1 * UM, flat, flat),
+        "waves": PathDeviation(made.t, 0 * made.t, 0 * made.t, 9 * NM * np.sin(3 * made.azimuth)),
+    }
+    found = cut_budget(
+        made, nose, x, y, form=SKEW, setting=ToolSetting(dx=1 * UM), deviation=moves
+    )
+    names = [c.name for c in found.budget.contributions]
+    assert names == ["program", "tool setting", "slide", "waves"]
+    same = replace(
+        found,
+        budget=ErrorBudget(
+            [
+                *found.budget.contributions[:3],
+                Contribution("twin", map=found.budget.contributions[2].map),
+            ]
+        ),
+    )
+    with pytest.raises(DegenerateFitError, match="slide and twin leave the same map"):
+        fit_causes(same, found.full.error, x, y)
+    with pytest.raises(DataError, match="a deviation is named tool, as another cause is"):
+        cut_budget(made, nose, x, y, form=SKEW, deviation={"tool": moves["slide"]})
+    with pytest.raises(DataError, match="must be a PathDeviation, or several"):
+        cut_budget(made, nose, x, y, form=SKEW, deviation=[moves["slide"]])

@@ -1,6 +1,7 @@
 """Hysteresis: reference values of the specification, plays written out, and stages that are not the model."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -217,3 +218,76 @@ def test_gaps_are_refused():
         STAGE.displacement([0.0, np.nan], history=())
     with pytest.raises(InvalidSamplesError, match="history holds NaN"):
         STAGE.displacement([0.0], history=[np.nan])
+
+
+# ---- stages that are no sum of plays ---------------------------------------------------------------
+
+
+def bouc_wen(v, *, bend=0.0, steps=20):
+    """Displacement k V - d h of a stage, dh = a dV - b |dV| h - c dV |h|, bent by a share over 20 um; no plays."""
+    h, made = 0.0, [1.6 * UM * v[0]]
+    for a, b in itertools.pairwise(v):
+        dv = (b - a) / steps
+        for _ in range(steps):
+            h += 0.45 * dv - 0.7 * abs(dv) * h + 0.25 * dv * abs(h)
+        made.append(1.6 * UM * b - 0.55 * UM * h)
+    made = np.array(made)
+    return made - bend * made**2 / (20 * UM)
+
+
+@pytest.mark.parametrize(
+    ("bend", "curve"), [(0.0, {"none"}), (0.15, {"front", "behind"}), (-0.15, {"front", "behind"})]
+)
+def test_what_is_left_on_a_stage_of_another_kind_is_what_was_said(bend, curve, rng):
+    """A stage of Bouc and Wen, driven by the voltages of the model: four times better than the mean curve."""
+    v = between(np.array(NESTED, dtype=float), 150)
+    noisy = bouc_wen(v, bend=bend) + rng.normal(0.0, NM, v.size)
+    log = Recording(np.arange(v.size) * 0.01, {"voltage": v, "displacement": noisy})
+    fit = PrandtlIshlinskii.identify(log)
+    assert fit.curve in curve
+    assert any("not symmetric" in m for m in fit.messages) == bool(bend)
+    before = between(np.array([0.0, 10.0, 0.0, 10.0, 0.0]), 150)
+    wanted = between(np.array([0.6, 10.2, 3.7, 8.1, 1.9]) * UM, 200)
+    volts = fit.model.voltage_for(wanted, history=before)
+    # the model's own inverse is exact, through the curve too
+    again = fit.model.displacement(volts, history=before)
+    assert np.abs(again - wanted).max() < 1e-6 * NM
+    reached = bouc_wen(np.concatenate([before, volts]), bend=bend)[before.size :]
+    off = np.abs(reached - wanted).max()
+    assert off < 1.2 * fit.worst_left_out
+    full = between(np.array([0.0, 10.0, 0.0, 10.0, 0.0]), 300)
+    loop = {"voltage": full[600:], "displacement": bouc_wen(full, bend=bend)[600:]}
+    mean = flexure_calibration(Recording(np.arange(601) * 0.01, loop)).voltage_for(wanted)
+    missed = bouc_wen(np.concatenate([before, mean]), bend=bend)[before.size :] - wanted
+    assert np.abs(missed).max() > 2.5 * off
+
+
+@pytest.mark.parametrize("where", ["front", "behind"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_curve_in_front_of_the_plays_or_behind_them_is_found_and_undone(where, sign, rng):
+    def stage(v):
+        if where == "front":
+            return by_hand(v + sign * 0.02 * v * (10.0 - v), STAGE.thresholds, STAGE.weights)
+        d = by_hand(v, STAGE.thresholds, STAGE.weights)
+        return d + sign * 0.1 * d * (17 * UM - d) / (17 * UM)
+
+    v = between(np.array(NESTED, dtype=float), 150)
+    log = {"voltage": v, "displacement": stage(v) + rng.normal(0.0, 2 * NM, v.size)}
+    fit = PrandtlIshlinskii.identify(Recording(np.arange(v.size) * 0.01, log))
+    assert fit.curve == where
+    before = between(np.array([0.0, 10.0, 0.0]), 150)
+    wanted = between(np.array([0.5, 11.0, 3.7, 8.7, 1.8]) * UM, 200)
+    volts = fit.model.voltage_for(wanted, history=before)
+    reached = stage(np.concatenate([before, volts]))[before.size :]
+    assert np.abs(reached - wanted).max() < 15 * NM
+    plain = replace(fit.model, front=None, behind=None)
+    missed = stage(np.concatenate([before, plain.voltage_for(wanted, history=before)]))
+    assert np.abs(missed[before.size :] - wanted).max() > 100 * NM
+
+
+def test_a_curve_that_does_not_grow_is_refused():
+    for name in ("front", "behind"):
+        with pytest.raises(DataError, match=f"{name} must have two rows that grow"):
+            PrandtlIshlinskii(
+                [0.0, 1.0], [1e-6, 1e-7], **{name: [[0.0, 1.0, 2.0], [0.0, 2.0, 1.0]]}
+            )

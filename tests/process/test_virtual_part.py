@@ -11,6 +11,7 @@ from metrosep.process import (
     EdgeProfile,
     RoundNose,
     ToolSetting,
+    TurningJob,
     TurningProgram,
     edge_error,
     gouge_check,
@@ -330,3 +331,164 @@ def test_no_gouge_of_fifty_grooves_is_missed():
 @pytest.mark.slow
 def test_no_gouge_of_a_thousand_grooves_is_missed():
     assert check_grooves(1000, 2) > 300
+
+
+def test_few_places_on_a_part_of_many_turns_are_all_cut(rng):
+    """Cusps of a flat in closed form: places half a part apart ask turns near them, not of the whole part."""
+    feed, outer = 4e-6, 16e-3
+    turn = 2 * np.pi * np.arange(0, 3900, 1 / 8)
+    X = outer - feed * turn / (2 * np.pi)
+    program = TurningProgram(X, turn, 0.0 * turn, turn, "tip", "linear")
+    rho, theta = rng.uniform(0.7e-3, 15.3e-3, 400), rng.uniform(-np.pi, np.pi, 400)
+    found = virtual_cut(program, RoundNose(0.2e-3), rho * np.cos(theta), rho * np.sin(theta))
+    away = np.mod((outer - rho - feed * np.mod(theta, 2 * np.pi) / (2 * np.pi)), feed)
+    away = np.minimum(away, feed - away)
+    assert found.z == pytest.approx(0.2e-3 - np.sqrt(0.2e-3**2 - away**2), abs=1e-6 * NM)
+
+
+@pytest.mark.parametrize("waves", [False, True])
+def test_both_axes_make_up_for_the_tool_as_it_is_set(waves, rng):
+    """Servo XZ with dx, dy, dR: the envelope in the other frame leaves cusps only; a flipped sign leaves more."""
+    nose = RoundNose(0.5e-3, math.radians(-20))
+    if waves:
+        psi = np.radians(np.linspace(-60, 60, 81))
+        nose = RoundNose(
+            0.5e-3, math.radians(-20), edge=EdgeProfile(psi, 30e-9 * np.cos(18 * psi + 0.4))
+        )
+    job = TurningJob(SADDLE, 1.2e-3, 8e-6, rpm=60, core=0.9e-3, nose=nose, sense="clockwise")
+    path = job.path(step=2 * np.pi / 90)
+    setting = ToolSetting(dx=1.5e-6, dy=-2e-6, dR=4e-6)
+    rho, theta = rng.uniform(0.98e-3, 1.12e-3, 8), rng.uniform(-3.0, 3.0, 8)
+    x, y = rho * np.cos(theta), rho * np.sin(theta)
+    left = {}
+    for way in (1.0, -1.0):
+        tool = ToolSetting(*(way * setting.values).tolist())
+        made = job.compensated(path, tool=tool, servo="XZ")
+        found = virtual_cut(made, nose, x, y, form=SADDLE, setting=setting)
+        left[way] = found.error
+        assert np.array_equal(made.nominal, job.program(path, servo="XZ").Z)
+        if waves:
+            continue
+        other = Brute(
+            made.t, made.X, made.azimuth, made.Z, 0.5e-3 + 4e-6, math.radians(-20), -1.0,
+            off=(1.5e-6, -2e-6),
+        )  # fmt: skip
+        for k in range(rho.size):
+            first = -(theta[k] - made.azimuth[0]) / (2 * np.pi)
+            turns = np.arange(math.ceil(-first), math.floor(made.turns - first)) + first
+            z = other.height(
+                rho[k] * np.exp(1j * theta[k]), made.t[0] + turns * made.duration / made.turns
+            )
+            assert z == pytest.approx(found.z[k], abs=1e-3 * NM)
+    cusp = 8e-6**2 / (8 * 0.5e-3)
+    assert left[1.0].min() > -0.05 * NM  # 90 points a turn
+    assert left[1.0].max() < (1.1 if not waves else 2.0) * cusp
+    assert np.ptp(left[-1.0]) > 20 * NM
+
+
+@pytest.mark.parametrize("joined", ["linear", "spline"])
+def test_a_plan_for_both_axes_holds_its_tolerance_where_one_for_z_alone_does_not_count(joined):
+    """Between the points of servo XZ, X bends too: the envelope of a fine path against that of the plan."""
+    nose = RoundNose(0.5e-3, math.radians(-20))
+    job = TurningJob(WAVES, 1.2e-3, 10e-6, rpm=60, core=1.1e-3, nose=nose, sense="clockwise")
+    plan = job.plan(3e-9, interpolation=joined, servo="XZ")
+    made = job.program(plan, servo="XZ")
+    knots = made.t[plan.path.lead_in :]
+    t = np.concatenate([knots[:-1] + s * np.diff(knots) for s in (0.3, 0.5, 0.7)])
+    X, azimuth, Z = made.at(t)
+    off = Z - tip_path(WAVES, X, azimuth, nose=nose, sense="clockwise").z
+    assert 2e-9 < np.ptp(np.append(off, 0.0)) <= 3e-9
+    assert plan.points.peak_to_valley <= 3e-9
+    with pytest.raises(DataError, match="least-squares"):
+        job.program(job.path(step=0.05, knots="least-squares"), servo="XZ")
+
+
+class OnSpindle(Brute):
+    """The same, the part on a spindle that moves and tilts, the tool on a slide that is not straight."""
+
+    def __init__(self, *args, shift, tilt, slide):
+        super().__init__(*args)
+        self.shift, self.tilt, self.slide = shift, tilt, slide
+
+    def solid(self, t, psi):
+        """A point of the edge in the machine, then in the part that stands where the spindle holds it."""
+        X, phi, Z = (a(t) for a in self.axes)
+        flat, up = self.edge(psi)
+        across, lift = self.slide(X)
+        x, y, z = X + flat.real, flat.imag + across, Z + up + lift
+        c = -phi  # C turns the workpiece counter-clockwise
+        ex, ey, ez = self.shift(c)
+        b = self.tilt(c)
+        x, y, z = x - ex, y - ey, z - ez
+        # the spindle leans by b about y: seen from it the tool is turned back
+        x, z = math.cos(b) * x - math.sin(b) * z, math.sin(b) * x + math.cos(b) * z
+        return (x + 1j * y) * np.exp(1j * phi), z
+
+    def place(self, t, psi):
+        if np.ndim(t):
+            made = [self.solid(a, b) for a, b in zip(t, psi, strict=True)]
+            return np.array([m[0] for m in made])
+        return self.solid(t, psi)[0]
+
+    def lowest(self, target, times):
+        t, psi = (
+            times.copy(),
+            np.arcsin(np.clip((abs(target) - self.axes[0](times)) / self.R, -0.9, 0.9)),
+        )
+        for _ in range(12):
+            miss = self.place(t, psi) - target
+            h = 1e-7
+            by_t = (self.place(t + h, psi) - self.place(t - h, psi)) / (2 * h)
+            by_psi = (self.place(t, psi + h) - self.place(t, psi - h)) / (2 * h)
+            det = by_t.real * by_psi.imag - by_t.imag * by_psi.real
+            t = t - (miss.real * by_psi.imag - miss.imag * by_psi.real) / det
+            psi = psi - (by_t.real * miss.imag - by_t.imag * miss.real) / det
+        good = np.abs(self.place(t, psi) - target) < 1e-12
+        return min(self.solid(a, b)[1] for a, b in zip(t[good], psi[good], strict=True))
+
+
+@pytest.mark.parametrize("rake", [0.0, -20.0])
+def test_terms_of_a_machine_are_cut_as_spindle_and_slide_move(rake, rng):
+    """EXC, EYC, EZC, EBC and EYX, EZX at once, each with its own shape and sign."""
+    from metrosep.machine import CallableTerm, presets
+    from metrosep.process import cut_budget, machine_deviations
+
+    shift = lambda c: (  # noqa: E731
+        0.4e-6 * math.cos(c + 0.3) + 0.1e-6 * math.sin(2 * c),
+        -0.3e-6 * math.sin(3 * c + 1.0),
+        25e-9 * math.cos(2 * c) + 10e-9 * math.sin(c),
+    )
+    tilt = lambda c: 6e-6 * math.cos(c - 0.8)  # noqa: E731
+    slide = lambda x: (1e-3 * (x - 1e-3) + 0.5e-6, 2e-5 * (x - 1e-3))  # noqa: E731
+    each = lambda f: CallableTerm(np.vectorize(f))  # noqa: E731
+    errors = {
+        "EXC": each(lambda c: shift(c)[0]), "EYC": each(lambda c: shift(c)[1]),
+        "EZC": each(lambda c: shift(c)[2]), "EBC": each(tilt),
+        "EYX": each(lambda x: slide(x)[0]), "EZX": each(lambda x: slide(x)[1]),
+    }  # fmt: skip
+    nose = RoundNose(0.5e-3, math.radians(rake))
+    form = Expression("9*x**2+14*y**2+3*x*y+6e-3*x")
+    job = TurningJob(form, 1.2e-3, 8e-6, rpm=60, core=0.95e-3, nose=nose, sense="clockwise")
+    made = job.program(job.path(step=2 * np.pi / 90))
+    rho, theta = rng.uniform(1.0e-3, 1.12e-3, 6), rng.uniform(-3.0, 3.0, 6)
+    x, y = rho * np.cos(theta), rho * np.sin(theta)
+    deviations = machine_deviations(made, presets("sts_lathe", spindle_errors="fixed"), errors)
+    found = cut_budget(made, nose, x, y, form=form, deviation=deviations)
+    assert [c.name for c in found.budget.contributions] == ["program", *errors]
+    assert min(np.ptp(c.map) for c in found.budget.contributions[1:]) > 1 * NM
+    assert found.disagreement < 0.01 * np.abs(found.total).max()
+    other = OnSpindle(
+        made.t, made.X, made.azimuth, made.Z, 0.5e-3, math.radians(rake), -1.0,
+        shift=shift, tilt=tilt, slide=slide,
+    )  # fmt: skip
+    for k in range(rho.size):
+        first = -(theta[k] - made.azimuth[0]) / (2 * np.pi)
+        turns = np.arange(math.ceil(-first), math.floor(made.turns - first)) + first
+        times = made.t[0] + turns * made.duration / made.turns
+        near = np.abs(other.axes[0](times) - rho[k] + 0.5e-3 * math.sin(found.full.psi[k])) < 60e-6
+        z = other.lowest(rho[k] * np.exp(1j * theta[k]), times[near])
+        # the edge turns with the tilt, by 0.1 mm times 6 urad
+        assert found.full.z[k] == pytest.approx(z, abs=0.8 * NM)
+    wrong = {"C": made.azimuth, "X": made.X, "Z": made.Z}
+    with pytest.raises(DataError, match="opposite ways: c_positive"):
+        machine_deviations(made, presets("sts_lathe"), errors, positions=wrong)

@@ -376,3 +376,58 @@ def test_history_and_course_in_other_units(tmp_path):
         found, _ = values(out)
         made.append(found["mean_curve.left"]["value"])
     assert made[0] == pytest.approx(made[1], rel=1e-9, abs=0)
+
+
+@pytest.fixture
+def spindle(tmp_path):
+    """The part of the example once more, on a spindle that rises and falls as it turns, and its curve."""
+    rise = lambda c: 12e-9 * np.cos(2 * c + 0.4) + 8e-9 * np.sin(3 * c)  # noqa: E731
+    table = pd.read_csv(CUT / "part.csv")
+    # C turns the workpiece: the tool meets the azimuth -C; a part that rises is cut deeper
+    table["z_nm"] -= rise(-np.arctan2(table["y_mm"], table["x_mm"])) / NM
+    table.to_csv(tmp_path / "spindle.csv", index=False)
+    c = np.linspace(0.0, 360.0, 721)
+    pd.DataFrame({"c_deg": c, "EZC_nm": rise(np.radians(c)) / NM}).to_csv(
+        tmp_path / "ezc.csv", index=False
+    )
+    return tmp_path
+
+
+@pytest.mark.parametrize(("part", "there"), [("spindle.csv", 1), ("part.csv", 0)])
+def test_a_part_shows_a_term_of_the_machine_or_not(spindle, part, there):
+    def on_lathe(text):
+        text = text.replace('"part.csv"', f'"{spindle / part}"' if there else '"part.csv"')
+        words = f'machine = "sts_lathe"\nerrors = {{ EZC = "table {spindle / "ezc.csv"}" }}\n'
+        return text.replace("[[output]]", words + "\n[[output]]", 1)
+
+    code, found, _ = ran(spindle, "budget.toml", on_lathe)
+    assert code == 0
+    amount, u = (found["shown.EZC"][k] for k in ("value", "u"))
+    assert abs(amount - there) <= 3 * u
+    assert u < 0.05
+    assert found["EZC.pv"]["value"] == pytest.approx(36 * NM, abs=6 * NM)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ('errors = { EZC = "10 nm" }', "errors belongs to a machine: give it, machine"),
+        (
+            'machine = "sts_lathe"\nerrors = { EZC = "2 upr 50 nm" }',
+            "whose phase nobody knows: it ranks terms",
+        ),
+        (
+            'machine = "five_axis"\npivot_height = "80 mm"\nerrors = { EZC = "50 nm" }',
+            "opposite ways: c_positive",
+        ),
+        ('machine = "mill_xyz"\nerrors = { EZX = "50 nm" }', "has no axis C: it turns nothing"),
+    ],
+)
+def test_a_machine_that_does_not_fit_the_program_is_refused(tmp_path, capsys, words, said):
+    text = (CUT / "budget.toml").read_text().replace("[[output]]", f"{words}\n\n[[output]]", 1)
+    for file in ("part.nc", "edge.csv", "log.csv", "part.csv"):
+        text = text.replace(f'"{file}"', f'"{CUT / file}"')
+    (tmp_path / "budget.toml").write_text(text)
+    assert called("predict", tmp_path / "budget.toml", "-o", tmp_path / "out") == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -69,7 +69,6 @@ def test_a_file_appears_with_what_its_part_is(tmp_path):
         ('sense = "clockwise"\n', "", DataError, "cuts differently both ways"),
         ('nose_radius = "0.6 mm"\nrake = "-20 deg"\n', "", MetrosepError, "no program to write"),
         ('rpm = 60\n', 'rpm = 60\nclearance = "0.5 deg"\n', LimitError, "flank rubs"),
-        ('rpm = 60\n', 'rpm = 60\nservo = "XZ"\ndx = "1 um"\n', DataError, "made up for by Z alone"),
     ],
 )  # fmt: skip
 def test_what_is_missing_is_refused_and_nothing_is_written(tmp_path, old, new, error, match):
@@ -83,6 +82,20 @@ def test_both_axes_follow_where_it_is_asked(tmp_path):
     made = run((STEP + OUTPUT).replace("rpm = 60\n", 'rpm = 60\nservo = "XZ"\n'), tmp_path)
     rho = np.hypot(made.produced.program.X, 0)
     assert np.abs(np.diff(rho, 2)).max() > 1e-9  # X is no straight line
+
+
+@pytest.mark.parametrize("servo", ["Z", "XZ"])
+def test_a_plan_names_the_limit_that_binds_and_rejects_what_exceeds_it(tmp_path, servo):
+    """The tip follows 2.5 um at 60 rpm: 0.3 mm/s of Z are enough, 0.03 mm/s are not."""
+    for limit, verdict in (("3 mm/s", "accept"), ("0.03 mm/s", "reject")):
+        words = f'rpm = 60\nservo = "{servo}"\nz_limits = ["{limit}"]\n'
+        text = STEP.replace("rpm = 60\n", words).replace(
+            'angle_step = "2 deg"', 'tolerance = "50 nm"'
+        )
+        made = Recipe.parse(text, folder=tmp_path).run(out=tmp_path / verdict)
+        assert made.verdict == verdict
+        found = json.loads((tmp_path / verdict / "result.json").read_text())
+        assert "velocity of Z" in json.dumps(found)
 
 
 def test_the_command_says_what_the_part_is(tmp_path, capsys):

@@ -29,6 +29,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, TableError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
+from metrosep.process.cutting.course_errors import CoursePiece, course_pieces, worst_contacts
 from metrosep.process.cutting.edge_errors import cusp_heights
 from metrosep.process.cutting.programs import TurningProgram
 from metrosep.process.cutting.virtual_part import (
@@ -39,6 +40,7 @@ from metrosep.process.cutting.virtual_part import (
 )
 from metrosep.process.nose import RoundNose
 from metrosep.process.nose_checks import gouge_check
+from metrosep.process.tips import Edge
 from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["ProgramCheck", "WrittenProgram", "check_program", "write_program"]
@@ -52,6 +54,8 @@ _APPROACH = 10.0
 _SLACK = 0.2e-9
 """m: what a check may find beyond what is predicted."""
 _PLACES, _SEED = 20_000, 2020
+_MANY = 300_000
+"""Blocks above which each is looked at in its middle only."""
 _WHOLE_MS = 1e-9
 _MARGIN = 0.02
 """Turns: by that the lean of the edge and rounding move the deciding moment."""
@@ -82,8 +86,9 @@ class ProgramCheck:
         P-V of its error without cusps: at each place, what the same turns would leave if the edge touched
         the surface all along is taken off, no more than `cusp`; nothing where the nose does not fit.
     difference : float, m
-        Largest difference from the part of the program that was to be written; infinite where one of the
-        two cuts a place and the other does not, NaN without such a program.
+        Largest difference from the part of the program that was to be written, at the places and at every
+        point of the program; infinite where one of the two cuts a place and the other does not, NaN
+        without such a program.
     rounding : float, m
         What the digits of the words may cost.
     interpolation : str
@@ -92,6 +97,9 @@ class ProgramCheck:
         What to know.
     planned : float, m, optional
         P-V of the part of the program that was to be written, cusps included; NaN without one.
+    course : float, m, optional
+        P-V of what the tip is off in the middle of every block that touches the region; neighbouring turns
+        cut some of it away.
     """
 
     part: VirtualPart
@@ -103,6 +111,7 @@ class ProgramCheck:
     interpolation: str
     messages: tuple[str, ...] = ()
     planned: float = math.nan
+    course: float = math.nan
 
     @property
     def uncut(self) -> int:
@@ -490,6 +499,7 @@ def _sidecar(
             "pv_nm": check.peak_to_valley,
             "cusp_nm": check.cusp,
             "without_cusps_nm": check.form_error,
+            "tip_in_every_block_nm": check.course,
             "file_against_program_nm": check.difference,
             "digits_may_cost_nm": check.rounding,
         }
@@ -563,7 +573,7 @@ def check_program(
         Inner and outer radius of the places; where the tool touches between its first and its last turns
         if omitted.
     places : int, optional
-        How many, at random over the area.
+        How many, at random over the area; beside them the contacts of the blocks that are furthest off.
     seed : int, optional
         Of the places.
 
@@ -576,12 +586,20 @@ def check_program(
     ------
     DataError
         If the program is one of cut points, or cuts nothing of the region.
+
+    Notes
+    -----
+    The tip is compared with the lowest that cuts nothing in the middle of every block, and the part is
+    cut where it is furthest off: a feature that one turn meets is not left to chance. With `planned`
+    every point is compared, acting at its contact.
     """
     low, high = region or touched_radii(program, nose, form)
     n = numbers.count(places, "places", least=100)
     rng = np.random.default_rng(numbers.count(seed, "seed", least=0))
     rho = np.sqrt(rng.uniform(low * low, high * high, n))
     theta = rng.uniform(-math.pi, math.pi, n)
+    course = _Course(program, planned, form, Edge.of(nose, program.sense, setting), (low, high))
+    rho, theta = np.append(rho, course.rho), np.append(theta, course.theta)
     x, y = rho * np.cos(theta), rho * np.sin(theta)
     defined = np.isfinite(form(x, y))
     x, y = x[defined], y[defined]
@@ -614,10 +632,43 @@ def check_program(
         turn = np.where(np.isnan(part.z), wanted.turn, part.turn)
         inner = np.minimum(turn, planned.turns - turn) > 2.0 + _MARGIN
         judged = np.where(np.isnan(apart), np.where(inner, math.inf, 0.0), apart)
-        difference = float(judged.max(initial=0.0))
+        difference = float(max(judged.max(initial=0.0), course.difference))
         planned_pv = wanted.peak_to_valley
     digits = 0.0 if axes is None else rounding_error(axes, form, high)
     return ProgramCheck(
         part, part.peak_to_valley, cusp, float(np.ptp(left)), difference, digits, program.interpolation,
-        (*part.messages, *said), planned_pv,
+        (*part.messages, *said), planned_pv, course.peak_to_valley,
     )  # fmt: skip
+
+
+class _Course:
+    """Every block of a program: the contacts of those furthest off, and how far its points are from a plan."""
+
+    def __init__(
+        self,
+        program: TurningProgram,
+        planned: TurningProgram | None,
+        form: Form,
+        edge: Edge,
+        region: tuple[float, float],
+    ) -> None:
+        self._program = program
+        self._planned = planned if planned is not None and len(planned) == len(program) else None
+        self.difference = 0.0
+        # lines are furthest off in the middle of a block; features as short as a block may be elsewhere
+        shares = [0.5] if len(program) > _MANY else [1.0 / 6.0, 0.5, 5.0 / 6.0]
+        pieces = course_pieces(program, form, edge, np.array(shares))
+        self.rho, self.theta, ends = worst_contacts(map(self._compared, pieces), region)
+        self.peak_to_valley = ends[1] - ends[0]
+
+    def _compared(self, piece: CoursePiece) -> CoursePiece:
+        """Return a piece; note what its points are off those of the plan, at their contacts."""
+        if self._planned is not None:
+            for at in (piece.block, piece.block + 1):  # both ends of each block
+                eX, ea, eZ = (
+                    getattr(self._program, n)[at] - getattr(self._planned, n)[at]
+                    for n in ("X", "azimuth", "Z")
+                )
+                off = eZ - piece.along_x * eX - piece.by_azimuth * ea
+                self.difference = max(self.difference, float(np.fmax.reduce(np.abs(off))))
+        return piece

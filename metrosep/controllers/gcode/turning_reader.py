@@ -9,6 +9,10 @@ from __future__ import annotations
 import math
 import os
 import re
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -32,6 +36,7 @@ _PVT = re.compile(
 )
 _TOKEN = re.compile(rf"\s*(?:([A-Z]+)({_NUMBER})?|(%))")
 _SPLINES = {"CSPLINE": "spline"}
+_SAID = re.compile(r"[(#/ ]*(?:quantity (tip|cut points)|interpolation (linear|spline))\b")
 _QUIET = {"BAUTO", "EAUTO", "G61", "G40", "G49", "G17", "G18", "M3", "M4", "M5", "M30", "M2"}
 
 
@@ -80,47 +85,119 @@ def read_program(
     EAUTO): over what a control really runs its spline parameter is its own affair.
     """
     place = Path(path)
-    try:
-        text = place.read_text(encoding="ascii")
-    except UnicodeDecodeError as exc:
-        raise CorruptFileError(
-            place, f"byte {exc.start} is not ASCII", hint="is this a program?"
-        ) from None
-    except OSError as exc:
-        raise ReadError(f"{place}: cannot be read ({exc.strerror or exc})") from None
     if not isinstance(axes, LatheAxes):
         raise DataError(f"axes must be LatheAxes, got {type(axes).__name__}")
-    said = re.search(r"^[(#/ ]*quantity (tip|cut points)\b", text, re.MULTILINE)
-    found = quantity or (said[1] if said else None)
+    if quantity is not None:
+        numbers.choice(quantity, "quantity", get_args(Quantity))
+    text = _Lines(place)
+    if text.first.startswith("t_s,"):
+        columns = _read_points(text, axes)
+        joined = interpolation or text.joined
+        if columns.velocities is None and joined is None:
+            raise DataError(
+                f"{place}: a list of points does not say how the control joins them: give "
+                'interpolation="linear" or "spline"'
+            )
+        columns.interpolation = "pvt" if columns.velocities is not None else str(joined)
+    elif text.first in ("ABS", "abs") or text.first.startswith("PVT"):
+        columns = _read_pmac(text, axes, velocity_time)
+    else:
+        if interpolation == "spline":
+            raise DataError(
+                f"{place}: G1 is a line; a spline needs the word of the control in the file, such as CSPLINE"
+            )
+        columns = _read_gcode(text, axes)
+    found = quantity or text.quantity
     if found is None:
         raise DataError(
             f"{place}: nothing says whether these are places of the tip or points of the surface: give "
             'quantity="tip" or quantity="cut points"'
         )
-    numbers.choice(found, "quantity", get_args(Quantity))
-    lines = text.splitlines()
-    first = next((s for s in (line.strip() for line in lines) if s and s[0] not in "#(/;%"), "")
-    if first.startswith("t_s,"):
-        return _read_points(place, lines, axes, found, interpolation)
-    if first in ("ABS", "abs") or first.startswith("PVT"):
-        return _read_pmac(place, lines, axes, found, velocity_time)
-    if interpolation == "spline":
-        raise DataError(
-            f"{place}: G1 is a line; a spline needs the word of the control in the file, such as CSPLINE"
-        )
-    return _read_gcode(place, lines, axes, found)
+    return TurningProgram(
+        columns.X, columns.azimuth, columns.Z, columns.t, found, columns.interpolation,  # type: ignore[arg-type]  # checked there
+        columns.velocities,
+    )  # fmt: skip
 
 
-def _refused(place: Path, line: int, what: str) -> DataError:
-    return DataError(f"{place}, line {line}: {what}")
+class _Lines:
+    """The numbered lines of a file, one at a time, and what its comments say."""
+
+    def __init__(self, place: Path) -> None:
+        self.place = place
+        self.quantity: Any = None
+        self.joined: str | None = None
+        head: list[tuple[int, str]] = []
+        self._rest = self._read()
+        self.first = ""
+        for number, line in self._rest:
+            head.append((number, line))
+            bare = line.strip()
+            if bare and bare[0] not in "#(/;%":
+                self.first = bare
+                break
+        self._rest = chain(head, self._rest)
+
+    def __iter__(self) -> Iterator[tuple[int, str]]:
+        return self._rest
+
+    def _read(self) -> Iterator[tuple[int, str]]:
+        try:
+            with self.place.open(encoding="ascii") as file:
+                for number, line in enumerate(file, 1):
+                    if line[0] in "(#/" and (said := _SAID.match(line)):
+                        if said[1]:
+                            self.quantity = self.quantity or said[1]
+                        else:
+                            self.joined = self.joined or said[2]
+                    yield number, line.rstrip("\n")
+        except UnicodeDecodeError:
+            raise CorruptFileError(
+                self.place,
+                f"byte {_first_odd_byte(self.place)} is not ASCII",
+                hint="is this a program?",
+            ) from None
+        except OSError as exc:
+            raise ReadError(f"{self.place}: cannot be read ({exc.strerror or exc})") from None
+
+    def refused(self, line: int, what: str) -> DataError:
+        """Return the error of a line."""
+        return DataError(f"{self.place}, line {line}: {what}")
 
 
-def _read_gcode(place: Path, lines: list[str], axes: LatheAxes, quantity: Any) -> TurningProgram:
-    columns: dict[str, list[float]] = {"X": [], "C": [], "Z": [], "F": []}
-    at: list[bool] = []
+def _first_odd_byte(place: Path) -> int:
+    at = 0
+    with place.open("rb") as file:
+        while data := file.read(1 << 20):
+            odd = np.flatnonzero(np.frombuffer(data, np.uint8) > 127)
+            if odd.size:
+                return at + int(odd[0])
+            at += len(data)
+    return at
+
+
+@dataclass(slots=True)
+class _Columns:
+    """What a file says of the axes, in SI."""
+
+    X: FloatArray
+    azimuth: FloatArray
+    Z: FloatArray
+    t: FloatArray
+    interpolation: str
+    velocities: FloatArray | None = None
+
+
+def _values(column: array[float]) -> FloatArray:
+    """Return the numbers of a column, in its own memory."""
+    return np.frombuffer(column) if column else np.empty(0)
+
+
+def _read_gcode(text: _Lines, axes: LatheAxes) -> _Columns:
+    columns = {letter: array("d") for letter in "XCZF"}
+    place, joined = text.place, set[bool]()
     mode, unit, splined, started, ended = "", "", False, False, False
     last: dict[str, str] = {}
-    for number, line in enumerate(lines, 1):
+    for number, line in text:
         plain = _PLAIN.fullmatch(line) if started and not ended else None
         if plain is not None:
             words = dict(zip("XCZF", plain.groups(), strict=True))
@@ -129,7 +206,7 @@ def _read_gcode(place: Path, lines: list[str], axes: LatheAxes, quantity: Any) -
             if not bare:
                 continue
             if ended:
-                raise _refused(place, number, "words after the end of the program (M30)")
+                raise text.refused(number, "words after the end of the program (M30)")
             words = {}
             pos = 0
             while pos < len(bare):
@@ -149,12 +226,11 @@ def _read_gcode(place: Path, lines: list[str], axes: LatheAxes, quantity: Any) -
                 )
                 if letters in ("X", "C", "Z", "F") and value is not None:
                     if letters in words:
-                        raise _refused(place, number, f"{letters} is there twice")
+                        raise text.refused(number, f"{letters} is there twice")
                     words[letters] = value
                 elif code in ("G93", "G94"):
-                    if at and mode not in ("", code):
-                        raise _refused(
-                            place,
+                    if columns["X"] and mode not in ("", code):
+                        raise text.refused(
                             number,
                             f"{code} after blocks under {mode}; a path has one way to tell time",
                         )
@@ -167,43 +243,41 @@ def _read_gcode(place: Path, lines: list[str], axes: LatheAxes, quantity: Any) -
                 elif code in _SPLINES:
                     splined = True
                 elif code not in _QUIET:
-                    raise _refused(
-                        place, number, f"{code} is not understood; a strict reader stops here"
+                    raise text.refused(
+                        number, f"{code} is not understood; a strict reader stops here"
                     )
                 ended = ended or code in ("M30", "M2")
             if not words:
                 continue
             if not started:
-                raise _refused(place, number, "axis words before G1: nothing says how to move")
+                raise text.refused(number, "axis words before G1: nothing says how to move")
         if unit and unit != axes.unit:
-            raise _refused(place, number, f"the program is in {unit}, the machine in {axes.unit}")
+            raise text.refused(number, f"the program is in {unit}, the machine in {axes.unit}")
         if mode == "G93" and words.get("F") is None:
-            raise _refused(place, number, "a block under G93 has no F word; each needs its own")
+            raise text.refused(number, "a block under G93 has no F word; each needs its own")
         if not mode:
-            raise _refused(
-                place, number, "neither G93 nor G94 is in force: nothing says how long it lasts"
+            raise text.refused(
+                number, "neither G93 nor G94 is in force: nothing says how long it lasts"
             )
         words = {k: v for k, v in words.items() if v is not None}
         last |= words
         if missing := [k for k in "XCZF" if k not in last]:
-            raise _refused(place, number, f"{', '.join(missing)} is not known yet")
+            raise text.refused(number, f"{', '.join(missing)} is not known yet")
+        if columns["X"]:
+            joined.add(splined)
         for letter, column in columns.items():
             column.append(float(last[letter]))
-        at.append(splined)
-    x, c, z, f = (np.array(v) for v in columns.values())
-    if x.size < 2:
-        raise DataError(f"{place}: holds {x.size} blocks that move; a path needs more")
-    joined = set(at[1:])
+    if (count := len(columns["X"])) < 2:
+        raise DataError(f"{place}: holds {count} blocks that move; a path needs more")
     if len(joined) > 1:
         raise DataError(
             f"{place}: lines and splines follow one another; one path has one interpolation"
         )
-    X, azimuth, Z = _places(axes, x, c, z)
-    times = _times(place, axes, mode, f, X, Z, azimuth)
-    return TurningProgram(
-        X, azimuth, Z, frozen(np.concatenate([[0.0], np.cumsum(times)])), quantity,
-        "spline" if True in joined else "linear",
-    )  # fmt: skip
+    # a column is dropped as soon as it is turned into SI: a file of ten million blocks is 80 MB each
+    X, azimuth, Z = _places(axes, *(_values(columns.pop(n)) for n in "XCZ"))
+    t = np.zeros(X.size)
+    np.cumsum(_times(place, axes, mode, _values(columns.pop("F")), X, Z, azimuth), out=t[1:])
+    return _Columns(X, azimuth, Z, frozen(t), "spline" if True in joined else "linear")
 
 
 def _places(
@@ -247,19 +321,18 @@ def _times(
     return np.asarray(way / feed * 60.0)
 
 
-def _read_pmac(
-    place: Path, lines: list[str], axes: LatheAxes, quantity: Any, velocity_time: float | None
-) -> TurningProgram:
+def _read_pmac(text: _Lines, axes: LatheAxes, velocity_time: float | None) -> _Columns:
+    place = text.place
     if velocity_time is None:
         raise DataError(
             f"{place}: velocities of a PMAC are per Ix90: give velocity_time, 1.0 (s) for Ix90 = 1000"
         )
     per = numbers.positive(velocity_time, "velocity_time", dimension="time")
-    rows, times, ms = [], [], math.nan
-    for number, line in enumerate(lines, 1):
+    rows, times, ms = array("d"), array("d"), math.nan
+    for number, line in text:
         found = _PVT.fullmatch(line)
         if found is not None:
-            rows.append([float(v) for v in found.groups()])
+            rows.extend(map(float, found.groups()))
             times.append(ms)
             continue
         bare = re.sub(r"(//|;).*", "", line).strip()
@@ -267,64 +340,64 @@ def _read_pmac(
             continue
         mode = re.fullmatch(rf"PVT({_NUMBER})", bare)
         if mode is None:
-            raise _refused(
-                place, number, f"{bare!r} is not understood; a strict reader stops here"
-            )
+            raise text.refused(number, f"{bare!r} is not understood; a strict reader stops here")
         ms = float(mode[1])
-    if len(rows) < 2:
-        raise DataError(f"{place}: holds {len(rows)} PVT blocks; a path needs more")
-    if np.isnan(times).any():
+    if len(times) < 2:
+        raise DataError(f"{place}: holds {len(times)} PVT blocks; a path needs more")
+    lasted = _values(times)
+    if np.isnan(lasted).any():
         raise DataError(f"{place}: a block stands before PVT states its time")
-    x, vx, c, vc, z, vz = np.array(rows).T
+    x, vx, c, vc, z, vz = _values(rows).reshape(-1, 6).T
     X, azimuth, Z = _places(axes, x, c, z)
-    velocities = np.stack([vx * axes.x_scale, axes.way * np.radians(vc), vz * axes.z_scale]) / per
-    t = np.concatenate([[0.0], np.cumsum(np.array(times[1:]) * 1e-3)])
-    return TurningProgram(X, azimuth, Z, frozen(t), quantity, "pvt", frozen(velocities))
+    velocities = _rates(axes, vx, vc, vz) / per
+    t = np.zeros(X.size)
+    np.cumsum(lasted[1:] * 1e-3, out=t[1:])
+    return _Columns(X, azimuth, Z, frozen(t), "pvt", frozen(velocities))
 
 
-def _read_points(
-    place: Path, lines: list[str], axes: LatheAxes, quantity: Any, interpolation: str | None
-) -> TurningProgram:
-    body = [(n, s.strip()) for n, s in enumerate(lines, 1) if s.strip() and s.strip()[0] != "#"]
-    names = body[0][1].split(",")
-    u = axes.unit
+def _rates(axes: LatheAxes, vx: FloatArray, vc: FloatArray, vz: FloatArray) -> FloatArray:
+    """Return velocities of X, azimuth and Z of those of words."""
+    return np.stack([vx * axes.x_scale, axes.way * np.radians(vc), vz * axes.z_scale])
+
+
+def _read_points(text: _Lines, axes: LatheAxes) -> _Columns:
+    u, place = axes.unit, text.place
     plain = ["t_s", f"X_{u}", "C_deg", f"Z_{u}"]
     fast = ["t_s", f"X_{u}", f"VX_{u}_s", "C_deg", "VC_deg_s", f"Z_{u}", f"VZ_{u}_s"]
-    if names not in (plain, fast):
-        raise _refused(
-            place,
-            body[0][0],
-            f"columns {','.join(names)}; known are {','.join(plain)} and {','.join(fast)}",
-        )
-    rows = []
-    for number, line in body[1:]:
-        fields = line.split(",")
+    names: list[str] = []
+    rows = array("d")
+    for number, line in text:
+        bare = line.strip()
+        if not bare or bare[0] == "#":
+            continue
+        fields = bare.split(",")
+        if not names:
+            names = fields
+            if names not in (plain, fast):
+                raise text.refused(
+                    number,
+                    f"columns {','.join(names)}; known are {','.join(plain)} and {','.join(fast)}",
+                )
+            continue
         try:
             row = [float(v) for v in fields]
         except ValueError:
             raise CorruptFileError(
-                place, f"line {number}: {line!r} holds a field that is not a number"
+                place, f"line {number}: {bare!r} holds a field that is not a number"
             ) from None
-        if len(row) != len(names) or not np.isfinite(row).all():
+        if len(row) != len(names) or not all(map(math.isfinite, row)):
             raise CorruptFileError(
-                place, f"line {number}: {len(names)} numbers are needed, got {line!r}"
+                place, f"line {number}: {len(names)} numbers are needed, got {bare!r}"
             )
-        rows.append(row)
-    if len(rows) < 2:
-        raise DataError(f"{place}: holds {len(rows)} points; a path needs more")
-    table = np.array(rows).T
+        rows.extend(row)
+    table = _values(rows).reshape(-1, len(names)).T
+    if table.shape[1] < 2:
+        raise DataError(f"{place}: holds {table.shape[1]} points; a path needs more")
+    velocities = None
     if names == fast:
         t, x, vx, c, vc, z, vz = table
-        velocities = np.stack([vx * axes.x_scale, axes.way * np.radians(vc), vz * axes.z_scale])
-        X, azimuth, Z = _places(axes, x, c, z)
-        return TurningProgram(X, azimuth, Z, frozen(t), quantity, "pvt", frozen(velocities))
-    t, x, c, z = table
-    head = re.search(r"^# interpolation (linear|spline)\b", "\n".join(lines), re.MULTILINE)
-    joined = interpolation or (head[1] if head else None)
-    if joined is None:
-        raise DataError(
-            f"{place}: a list of points does not say how the control joins them: give "
-            'interpolation="linear" or "spline"'
-        )
+        velocities = frozen(_rates(axes, vx, vc, vz))
+    else:
+        t, x, c, z = table
     X, azimuth, Z = _places(axes, x, c, z)
-    return TurningProgram(X, azimuth, Z, frozen(t), quantity, joined)  # type: ignore[arg-type]  # checked there
+    return _Columns(X, azimuth, Z, frozen(t.copy()), "", velocities)

@@ -38,6 +38,8 @@ AXES = ("X", "azimuth", "Z")
 _TURN = 2.0 * math.pi
 _MARGIN = 60
 """Points beyond a piece of a spline: what lies further off acts by 0.27 to this power, 1e-34."""
+_PIECE = 1 << 17
+"""Points that are worked on at once."""
 _SOLVED = 4
 """Newton steps for the place within a block; a spline of azimuths is nearly a line."""
 
@@ -115,17 +117,14 @@ class TurningProgram(Frozen):
             if not math.isfinite(float(values.sum())):
                 at = int(np.flatnonzero(~np.isfinite(values))[0])
                 raise InvalidSamplesError(f"{name} of block {at} is {values[at]}: give it a value")
-        late = np.diff(self.t) <= 0.0
-        if late.any():
-            at = int(np.argmax(late))
+        at = _first_stop(self.t, 1.0)
+        if at >= 0:
             raise InvalidSamplesError(
                 f"block {at + 1} is reached at {self.t[at + 1]:.9g} s, not after block {at} at "
                 f"{self.t[at]:.9g} s: times must grow"
             )
-        steps = np.diff(self.azimuth)
-        back = steps <= 0.0 if self.azimuth[-1] > self.azimuth[0] else steps >= 0.0
-        if back.any():
-            at = int(np.argmax(back))
+        at = _first_stop(self.azimuth, 1.0 if self.azimuth[-1] > self.azimuth[0] else -1.0)
+        if at >= 0:
             raise DataError(
                 f"C turns back or stands still at block {at + 1}: azimuth "
                 f"{math.degrees(self.azimuth[at]):.6g} to {math.degrees(self.azimuth[at + 1]):.6g} degrees "
@@ -236,6 +235,27 @@ class TurningProgram(Frozen):
         )
 
 
+def _spline_slopes(t: FloatArray, values: FloatArray, start: int, stop: int) -> FloatArray:
+    """Return slopes of the spline through all values at some of its points, a piece at a time."""
+    slopes = np.empty(stop - start)
+    for first in range(start, stop, _PIECE):
+        last = min(first + _PIECE, stop)
+        wide = slice(max(0, first - _MARGIN), min(t.size, last + _MARGIN))
+        own = knot_slopes(t[wide], values[wide])
+        slopes[first - start : last - start] = own[first - wide.start : last - wide.start]
+    return slopes
+
+
+def _first_stop(values: FloatArray, way: float) -> int:
+    """Return the first index after which values do not go on one way, -1 where they always do."""
+    for first in range(0, values.size - 1, _PIECE):
+        steps = np.diff(values[first : first + _PIECE + 1])
+        stops = way * steps <= 0.0
+        if stops.any():
+            return first + int(np.argmax(stops))
+    return -1
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisCourse:
     """A piece of a program with what joins its points; the axes by number in the order of `AXES`."""
@@ -256,9 +276,7 @@ class AxisCourse:
         if program.velocities is not None and program.interpolation == "pvt":
             vx, va, vz = (v[part] for v in program.velocities)
             return cls(program.t[part], (x, azimuth, z), (vx, va, vz), start)
-        wide = slice(max(0, start - _MARGIN), min(len(program), part.stop + _MARGIN))
-        inner = slice(start - wide.start, start - wide.start + x.size)
-        found = [knot_slopes(program.t[wide], v[wide])[inner] for v in all_]
+        found = [_spline_slopes(program.t, v, start, start + x.size) for v in all_]
         return cls(program.t[part], (x, azimuth, z), (found[0], found[1], found[2]), start)
 
     def value(self, axis: int, i: NDArray[np.intp], s: FloatArray) -> FloatArray:

@@ -2,12 +2,15 @@
 
 The contact at (rho, theta) fixes the tip: ``X = sqrt(rho^2 - y^2) - x``, ``azimuth = theta - atan2(y,
 X + x)``, ``Z = S - z`` with the point (x, y, z) of the edge that touches there, in the machine frame of
-the tip. specs/cutting-path.md, section 3, servo "XZ".
+the tip. With a measured waviness the contacts of the round edge are taken, and Z is the height at which
+the edge as it is just touches: the contact leaves the spiral by what the waves move it.
+specs/cutting-path.md, section 3, servo "XZ".
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,15 +32,11 @@ def contact_path(
     form: Form, rho: FloatArray, theta: FloatArray, edge: Edge
 ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
     """Return X, azimuth and Z of tips with their contacts at flat arrays of places, and messages."""
-    if edge.profile is not None:
-        raise DataError(
-            "with servo XZ the contact is sought on a round edge: leave the measured waviness out of the "
-            "nose of the job, and judge it with edge_error or virtual_cut"
-        )
+    circle = replace(edge, profile=None)
     X, azimuth, Z = np.empty(rho.size), np.empty(rho.size), np.empty(rho.size)
     for first in range(0, rho.size, _BLOCK):
         part = slice(first, first + _BLOCK)
-        X[part], azimuth[part], Z[part] = _tips_at(form, rho[part], theta[part], edge)
+        X[part], azimuth[part], Z[part] = _tips_at(form, rho[part], theta[part], circle)
     behind = np.flatnonzero(~(X >= 0.0))
     if behind.size:
         at = float(rho[behind].max())
@@ -47,6 +46,9 @@ def contact_path(
             'radius, or take servo="Z"'
         )
     lowest, _, said = tip_heights(form, X, azimuth, edge)
+    swing = f"X leaves the spiral by {format_length(float(np.ptp(X - rho)))} P-V"
+    if edge.profile is not None:
+        return X, azimuth, lowest, (swing, *said)
     low = lowest - Z
     worst = int(np.nanargmax(low))
     if low[worst] > _GOUGES:
@@ -55,8 +57,7 @@ def contact_path(
             f"the contact at rho = {format_length(float(rho[worst]))}, azimuth "
             f"{math.degrees(float(theta[worst])):.4g} degrees: take a smaller nose"
         )
-    swing = float(np.ptp(X - rho))
-    return X, azimuth, Z, (f"X leaves the spiral by {format_length(swing)} P-V", *said)
+    return X, azimuth, Z, (swing, *said)
 
 
 def _tips_at(

@@ -11,7 +11,7 @@ specs/cutting-path.md, equation (17). Only geometry: no burr, elastic recovery, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +31,8 @@ from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["VirtualPart", "virtual_cut"]
 
+Across = tuple[FloatArray, FloatArray]
+"""s and m: times, and how far the tip is then off the plane of its azimuth, towards a larger one."""
 _TURN = 2.0 * math.pi
 _BLOCK = 1 << 14
 """Places that are worked on at once, sorted by radius: the turns they ask stay in the cache."""
@@ -140,6 +142,19 @@ def virtual_cut(
     >>> round(float(np.ptp(cut.z)) * 1e9, 1)  # 20 um squared over 8 times 0.5 mm
     100.0
     """
+    return part_of(program, nose, x, y, form, setting, None)
+
+
+def part_of(
+    program: TurningProgram,
+    nose: RoundNose,
+    x: ArrayLike,
+    y: ArrayLike,
+    form: Form | None,
+    setting: ToolSetting | None,
+    across: Across | None,
+) -> VirtualPart:
+    """Return the part as `virtual_cut` does, of a tip that also leaves the plane of its azimuth."""
     if not isinstance(program, TurningProgram):
         raise DataError(f"the program must be a TurningProgram, got {type(program).__name__}")
     if program.quantity != "tip":
@@ -152,12 +167,12 @@ def virtual_cut(
     xs, ys = positions(x, y)
     rho, theta = np.hypot(xs, ys).ravel(), np.arctan2(ys, xs).ravel()
     order = np.argsort(rho, kind="stable")
-    sweep = _Sweep(program, edge)
+    sweep = _Sweep(program, edge, across)
     found, lone = _swept(sweep, rho, theta, order)
     said: list[str] = []
     if sweep.is_wrong(rho, theta, found[0]):
-        for first in range(0, rho.size, _BLOCK // 8):
-            part = order[first : first + _BLOCK // 8]
+        for block in sweep.blocks(rho[order]):
+            part = order[block]
             found[:, part], _ = sweep.cut(rho[part], theta[part], everywhere=True)
         said.append("turns far from the contact decide too: all turns were asked at every place")
     z, psi, t, turned = found
@@ -215,10 +230,11 @@ def heights_cut(
     x: FloatArray,
     y: FloatArray,
     setting: ToolSetting | None = None,
+    across: Across | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return heights of flat places and turns from the first point, as `virtual_cut` does without asking all turns."""
     rho, theta = np.hypot(x, y), np.arctan2(y, x)
-    sweep = _Sweep(program, Edge.of(nose, program.sense, setting))
+    sweep = _Sweep(program, Edge.of(nose, program.sense, setting), across)
     found, _ = _swept(sweep, rho, theta, np.argsort(rho, kind="stable"))
     return found[0], np.abs(found[3])
 
@@ -238,8 +254,8 @@ def touching_heights(
     # beyond the axis the place has the azimuth of the tip and half a turn
     azimuth = np.interp(part.t.ravel(), program.t, program.azimuth)
     side = np.where(np.cos(azimuth - theta) < 0.0, -1.0, 1.0)
-    for first in range(0, cut.size, _BLOCK):
-        at = cut[first : first + _BLOCK]
+    for block in sweep.blocks(rho[cut]):
+        at = cut[block]
         z[at] = sweep.touching(form, rho[at], theta[at], side[at], azimuth[at])
     return z.reshape(part.z.shape)
 
@@ -249,8 +265,8 @@ def _swept(
 ) -> tuple[FloatArray, int]:
     """Return rows z, psi, t, signed turns of places, and how many lie at the end of the turns."""
     found, lone = np.full((4, rho.size), np.nan), 0
-    for first in range(0, rho.size, _BLOCK):
-        part = order[first : first + _BLOCK]
+    for block in sweep.blocks(rho[order]):
+        part = order[block]
         found[:, part], few = sweep.cut(rho[part], theta[part])
         lone += few
     return found, lone
@@ -259,15 +275,16 @@ def _swept(
 class _Sweep:
     """An edge on its way along a program."""
 
-    def __init__(self, program: TurningProgram, edge: Edge) -> None:
+    def __init__(self, program: TurningProgram, edge: Edge, across: Across | None = None) -> None:
         self._edge = edge
+        self._across = across
         self._whole = program
         # from the rim to the centre, so that turns are counted inwards
         self._is_inward = bool(program.X[0] >= program.X[-1])
-        turned = np.abs(program.azimuth - program.azimuth[0])
-        starts = np.searchsorted(turned, _TURN * np.arange(math.ceil(program.turns) + 1))
-        starts[-1] = turned.size - 1
-        starts = np.unique(np.minimum(starts, turned.size - 1))
+        turns = np.arange(math.ceil(program.turns) + 1, dtype=np.float64)
+        starts = _first_beyond(program.azimuth, _TURN * turns)
+        starts[-1] = len(program) - 1
+        starts = np.unique(np.minimum(starts, len(program) - 1))
         self._starts = starts
         low = np.minimum.reduceat(program.X, starts[:-1])
         high = np.maximum.reduceat(program.X, starts[:-1])
@@ -280,21 +297,36 @@ class _Sweep:
         self._reach = _reach(program, edge)
         self._course: AxisCourse | None = None
 
-    def _piece(self, rho: FloatArray) -> AxisCourse | None:
-        """Return the course of all turns that may reach radii."""
-        inner, outer = float(rho.min()) - self._reach, float(rho.max()) + self._reach
-        # turns whose smallest X is not above `outer`, and whose largest is not below `inner`
-        first = int(np.searchsorted(-self._low, -outer, side="left"))
-        last = int(np.searchsorted(-self._high, -inner, side="right"))
+    def blocks(self, rho: FloatArray) -> Iterator[slice]:
+        """Yield parts of growing radii: so many places at most, and so near that few turns reach them."""
+        first = 0
+        while first < rho.size:
+            last = int(np.searchsorted(rho, rho[first] + self._reach, side="right"))
+            last = min(max(last, first + 1), first + _BLOCK)
+            yield slice(first, last)
+            first = last
+
+    def _turns(self, rho: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return from which turn to which (exclusive), from the first point, the edge may reach radii."""
+        # turns whose smallest X is not above rho + reach, and whose largest is not below rho - reach
+        first = np.searchsorted(-self._low, -(rho + self._reach), side="left") - 1
+        last = np.searchsorted(-self._high, -(rho - self._reach), side="right") + 1
         count = self._low.size
-        first, last = max(first - 1, 0), min(last + 1, count)
-        if first >= last:
-            return None
+        first, last = np.maximum(first, 0), np.minimum(last, count)
         if not self._is_inward:
             first, last = count - last, count - first
+        return first, last
+
+    def _piece(self, rho: FloatArray) -> AxisCourse | None:
+        """Return the course of all turns that may reach radii."""
+        starts, ends = self._turns(np.array([rho.min(), rho.max()]))
+        first, last = int(starts.min()), int(ends.max())
+        if first >= last:
+            return None
         part = slice(int(self._starts[first]), int(self._starts[last]) + 1)
         course = self._course
         if course is None or course.first != part.start or course.t.size != part.stop - part.start:
+            self._course = course = None  # its memory, before the next one is made
             self._course = course = AxisCourse.of(self._whole, part)
         return course
 
@@ -372,6 +404,12 @@ class _Sweep:
         ends = np.sort(azimuth[[0, -1]])
         low = np.ceil((ends[0] - start) / _TURN).astype(np.int64) - 1
         high = np.floor((ends[1] - start) / _TURN).astype(np.int64) + 1
+        # of them those that reach the place itself: a row of turns that mostly miss it would be tried in vain
+        first, last = (self._whole.azimuth[self._starts[i]] for i in self._turns(side * rho))
+        near, far = np.minimum(first, last), np.maximum(first, last)
+        low = np.maximum(low, np.floor((near - start) / _TURN).astype(np.int64) - 1)
+        high = np.minimum(high, np.ceil((far - start) / _TURN).astype(np.int64) + 1)
+        high = np.maximum(low, high)
 
         def tried(k: NDArray[np.int64], passes: int) -> tuple[FloatArray, FloatArray, FloatArray]:
             return self._height(course, rho, start + _TURN * k, side, passes)
@@ -450,7 +488,7 @@ class _Sweep:
         With a form the tip is where the edge touches it, not where the program has it.
         """
         edge, azimuth = self._edge, course.values[1]
-        if edge.is_flat:
+        if edge.is_flat and self._across is None:
             passes = 1
         y = np.full(rho.shape, edge.dy)
         psi, at = np.zeros(rho.shape), turns
@@ -462,6 +500,9 @@ class _Sweep:
             i, s = course.at_azimuth(at)
             psi = edge.angle_at(along - course.value(0, i, s))
             moved = edge.point(psi)[1]
+            if self._across is not None:
+                t = course.t[i] + s * (course.t[i + 1] - course.t[i])
+                moved = moved + np.interp(t, *self._across)
             still = np.abs(moved - y) > _SETTLED
             y = moved
             if not still.any():
@@ -485,12 +526,21 @@ class _Sweep:
             return False
         sample = known[np.linspace(0, known.size - 1, min(_SAMPLE, known.size)).astype(np.int64)]
         order = sample[np.argsort(rho[sample])]
-        for first in range(0, order.size, _BLOCK // 64):
-            part = order[first : first + _BLOCK // 64]
+        for block in self.blocks(rho[order]):
+            part = order[block]
             found, _ = self.cut(rho[part], theta[part], everywhere=True)
             if (found[0] < z[part] - _LOWER).any():
                 return True
         return False
+
+
+def _first_beyond(azimuth: FloatArray, turned: FloatArray) -> NDArray[np.intp]:
+    """Return the first points at which an azimuth, growing or falling, has turned so far."""
+    if azimuth[-1] > azimuth[0]:
+        return np.asarray(np.searchsorted(azimuth, azimuth[0] + turned))
+    # a view from behind, where it grows
+    behind = np.searchsorted(azimuth[::-1], azimuth[0] - turned, side="right")
+    return np.asarray(azimuth.size - behind)
 
 
 def _reach(program: TurningProgram, edge: Edge) -> float:
@@ -498,4 +548,5 @@ def _reach(program: TurningProgram, edge: Edge) -> float:
     far = edge.reach(float(program.Z.max() - program.Z.min()))
     low, high = max(-far, edge.low), min(far, edge.high)
     ends = edge.point(np.array([low, high]))[0]
-    return float(np.abs(ends).max()) + abs(edge.dx)
+    # on a flat the turns beside a place still meet above it
+    return float(np.abs(ends).max()) + abs(edge.dx) + program.feed

@@ -150,6 +150,10 @@ def hysteresis_of(produced: Any, inputs: Any = None) -> Description:
             "u_weight_m_per_V": fit.u_weights,
         }
     }
+    if model.front is not None:
+        tables["front"] = {"voltage_V": model.front[0], "plays_get_V": model.front[1]}
+    if model.behind is not None:
+        tables["behind"] = {"sum_of_plays_m": model.behind[0], "displacement_m": model.behind[1]}
     charts: tuple[dict[str, Any], ...] = ()
     drives = produced.drives
     if drives is not None:

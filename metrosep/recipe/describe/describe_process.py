@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +13,7 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.recipe.describe.charts import bar_chart, curve, curve_chart, map_chart, panel
+from metrosep.recipe.describe.describe_cutting import axis_motion_of
 from metrosep.recipe.describe.description import Description, quantity
 
 __all__ = ["calibration_of", "dual_servo_of", "follow_up_of", "prediction_of", "setting_of"]
@@ -229,7 +231,20 @@ def prediction_of(produced: Any, inputs: Any = None) -> Description:
             found[f"residual.{name}"] = quantity(
                 left, "m", f"P-V that one standard uncertainty of the setting leaves ({name})"
             )
-    return Description(found, tuple(charts), tables, audit=audit)
+    checks: tuple[Mapping[str, Any], ...] = ()
+    said: tuple[str, ...] = ()
+    if produced.motion is not None:
+        motion = axis_motion_of(produced.motion)
+        found |= motion.quantities
+        tables["axes"], checks, said = motion.tables[""], motion.checks, motion.messages
+    return Description(
+        found,
+        tuple(charts),
+        tables,
+        audit=audit,
+        checks=checks,
+        messages=said,
+    )
 
 
 def _files(steps: Any) -> dict[str, str]:

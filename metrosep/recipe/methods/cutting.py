@@ -5,7 +5,6 @@ And the hysteresis of the stage that drives a fast tool: identified from loops, 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -13,28 +12,24 @@ from typing import Any, ClassVar
 import numpy as np
 
 from metrosep.controllers.gcode.lathe import LatheAxes
-from metrosep.core.errors import DataError, UnitError
+from metrosep.core.errors import DataError
 from metrosep.core.inputs import RoleColumns
 from metrosep.core.methods import Method
 from metrosep.core.options import Option, options_of
-from metrosep.core.recording import Recording
-from metrosep.core.units import (
-    Unit,
-    format_length,
-    parse_quantity,
-    parse_unit,
-    unit_dimension,
-)
-from metrosep.recipe.methods.ops_machine import form_of
+from metrosep.core.units import format_length, parse_quantity
+from metrosep.recipe.methods.axis_limits import LIMITS, limits_of
+from metrosep.recipe.methods.ops_machine import MACHINE, errors_of, form_of, machine_of
 from metrosep.recipe.methods.ops_process import (
     NO_EDGE,
     OF_PART,
     SETTING,
+    STAGE,
     JobPredicted,
     centre_of,
     columns_in_units,
     edge_of_file,
     map_of_part,
+    stage_log,
 )
 
 __all__ = ["CutBudgetFound", "HysteresisFound"]
@@ -105,6 +100,11 @@ class CutBudgeted(Method):
             help="what the axes did beside their command: columns t_s, X_um (of the radius, as the axis "
             "points), C_deg, Z_um (or other units), actual minus commanded",
         ),
+        **{n: Option(o.kind, choices=o.choices, help=o.help) for n, o in MACHINE.items()},
+        "errors": Option(
+            "table",
+            help='terms of that machine, each a cause, { EZC = "table ezc.csv", EYX = "0.3 um" }',
+        ),
         "part": Option("file", help="map of a part that was cut with the program"),
         "centre": Option("lengths", help=OF_PART),
     }
@@ -115,7 +115,7 @@ class CutBudgeted(Method):
         from dataclasses import replace
 
         from metrosep.process import RoundNose, ToolSetting, cut_budget
-        from metrosep.process.cutting.budgets import drawn_points, fit_causes
+        from metrosep.process.cutting.measured_parts import drawn_points, fit_causes
         from metrosep.process.cutting.virtual_part import touched_radii
 
         if "nose_radius" not in options:
@@ -146,7 +146,10 @@ class CutBudgeted(Method):
         rho = np.hypot(x, y)
         inside = (rho >= low) & (rho <= high) & np.isfinite(form(x, y))
         x, y = x[inside], y[inside]
-        deviation = _deviation(options["log"], axes) if "log" in options else None
+        deviation = {"follow-up": _deviation(options["log"], axes)} if "log" in options else {}
+        moved, notes = _machine(options, program, axes)
+        deviation |= moved
+        said = (*said, *notes)
         budget = cut_budget(
             program, nose, x, y,
             form=form,
@@ -161,6 +164,31 @@ class CutBudgeted(Method):
             if not shown.is_plausible:
                 said = (*said, *_other_orientation(shown.residual, form, x, y, z))
         return CutBudgetFound(budget, x, y, pixel, shown, said)
+
+
+def _machine(
+    options: Mapping[str, Any], program: Any, axes: LatheAxes
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return what error terms of a machine do to the tip, by their names, and how names were read."""
+    from metrosep.machine.ranking import curve_text
+    from metrosep.process import machine_deviations
+
+    rest = {k: options[k] for k in (*MACHINE, "errors") if k in options}
+    if "machine" not in rest:
+        if rest:
+            raise DataError(f"{min(rest)} belongs to a machine: give it, machine")
+        return {}, ()
+    chain = machine_of(rest, float(program.X.max()))
+    for name, value in rest.get("errors", {}).items():
+        if isinstance(value, str) and curve_text(value):
+            raise DataError(
+                f"{name} = {value!r} is a wave whose phase nobody knows: it ranks terms, and cuts no part that "
+                f'could be compared; give the curve, {name} = "table {name.lower()}.csv"'
+            )
+    errors, notes = errors_of(chain, rest)
+    way = -1.0 if axes.tool_side == "-X" else 1.0
+    positions = {"X": way * program.X, "Z": program.Z, "C": axes.c_of(program.azimuth)}
+    return machine_deviations(program, chain, errors, positions=positions), notes
 
 
 _ORIENTATIONS = {
@@ -204,11 +232,6 @@ def _deviation(path: str, axes: LatheAxes) -> Any:
 
 # ---- what the axes must do --------------------------------------------------------------------------
 
-_PER = re.compile(r"(.*)/\s*([^\W\d]+)(?:\^?([23]))?")
-_LIMITED = {None: "velocity", "2": "acceleration", "3": "jerk"}
-_AS_ONE = {"speed": "velocity", "acceleration": "acceleration", "frequency": "velocity"}
-_HELP = 'what {} can do, by the unit: "20 mm/s", "0.5 m/s2", "100 m/s3"'
-
 
 class AxesMoved(Method):
     """`axis_motion` by its name."""
@@ -218,11 +241,7 @@ class AxesMoved(Method):
     reads: ClassVar = "nothing"
     arguments: ClassVar[Mapping[str, Option]] = {
         **_PROGRAM,
-        "x_limits": Option("texts", help=_HELP.format("X")),
-        "c_limits": Option(
-            "texts", help=_HELP.format("C").replace("mm", "deg").replace(" m", " rad")
-        ),
-        "z_limits": Option("texts", help=_HELP.format("Z")),
+        **LIMITS,
         "block_time": Option("time", help='that the controller needs for a block, "2 ms"'),
     }
 
@@ -232,64 +251,7 @@ class AxesMoved(Method):
         from metrosep.process import axis_motion
 
         program, _ = _program_of(options)
-        limits = {
-            axis: _limits_of(options[f"{axis.lower()}_limits"], axis)
-            for axis in ("X", "C", "Z")
-            if f"{axis.lower()}_limits" in options
-        }
-        return axis_motion(program, limits, block_time=options.get("block_time", 0.0))
-
-
-def _limits_of(texts: tuple[str, ...], axis: str) -> Any:
-    """Return the `AxisLimits` of texts whose units say what they limit."""
-    from metrosep.process import AxisLimits
-
-    found: dict[str, float] = {}
-    key = f"{axis.lower()}_limits"
-    for text in texts:
-        name, turns, value = _limit_of(text, key)
-        if turns != (axis == "C"):
-            raise DataError(
-                f"{key} has {text!r}: {axis} {'turns' if axis == 'C' else 'moves along'}"
-            )
-        if name in found:
-            raise DataError(f"{key} states the {name} twice")
-        found[name] = value
-    return AxisLimits(**found)
-
-
-def _limit_of(text: str, key: str) -> tuple[str, bool, float]:
-    """Return what a text limits, whether it is of an axis that turns, and the limit in SI."""
-    plain = text.strip().replace("²", "2").replace("³", "3")
-    whole = unit_dimension(plain) or ""
-    if whole in _AS_ONE:
-        value = parse_quantity(plain, dimension=whole, name=key)
-        turns = whole == "frequency"
-        return _AS_ONE[whole], turns, 2.0 * np.pi * value if turns else value
-    match = _PER.fullmatch(plain)
-    time = _unit_of(match[2]) if match else None
-    size = _unit_of(re.sub(r"^[-+.\d\s]*(?:[eE][-+]?\d+)?", "", match[1])) if match else None
-    if (
-        match is None
-        or time is None
-        or size is None
-        or time.dimension != "time"
-        or size.dimension not in ("length", "angle")
-        or (match[3] and time.name != "s")
-    ):
-        raise DataError(
-            f'{key} has {text!r}; write limits as "20 mm/s", "0.5 m/s2", "100 m/s3"; of C as "360 deg/s"'
-        )
-    value = parse_quantity(match[1], dimension=size.dimension, name=key)
-    return _LIMITED[match[3]], size.dimension == "angle", value / time.factor
-
-
-def _unit_of(text: str) -> Unit | None:
-    """Return the unit that a text names, None where it names none."""
-    try:
-        return parse_unit(text)
-    except UnitError:
-        return None
+        return axis_motion(program, limits_of(options), block_time=options.get("block_time", 0.0))
 
 
 # ---- hysteresis of the stage ------------------------------------------------------------------------
@@ -318,11 +280,7 @@ class HysteresisIdentified(Method):
         "hysteresis of a stage from its loops, and the voltages that make up for it"
     )
     reads: ClassVar = "table"
-    roles: ClassVar[Mapping[str, str]] = {
-        "voltage": "any",
-        "displacement": "length",
-        "time": "time?",
-    }
+    roles: ClassVar[Mapping[str, str]] = STAGE
     arguments: ClassVar[Mapping[str, Option]] = {
         "threshold_spacing": Option(
             "number", help="between thresholds, V; a fortieth of the range if omitted"
@@ -343,12 +301,7 @@ class HysteresisIdentified(Method):
         """Return what the step makes."""
         from metrosep.process import PrandtlIshlinskii, compare_drives, flexure_calibration
 
-        n = data.values["displacement"].size
-        log = Recording(
-            data.values.get("time", np.arange(float(n))),
-            {"voltage": data.values["voltage"], "displacement": data.values["displacement"]},
-            history=data.history,
-        )
+        log = stage_log(data)
         fit = PrandtlIshlinskii.identify(log, spacing=options.get("threshold_spacing"))
         if "course" not in options:
             if "history" in options:

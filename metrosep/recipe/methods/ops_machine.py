@@ -157,7 +157,7 @@ class Ranking(Method):
         _check_radius(radius)
         form = form_of(rest.pop("form"))
         chain = machine_of(rest, radius)
-        errors, read = _errors(chain, rest)
+        errors, read = errors_of(chain, rest)
         rest = {**rest, **_tool(rest)}
         found = rank(chain, form, radius=radius, errors=errors, **rest)
         return replace(found, messages=(*found.messages, *read)) if read else found
@@ -192,7 +192,7 @@ def _checked_size(term: str, value: float | str, *, is_angle: bool) -> None:
         )
 
 
-def _errors(chain: Any, rest: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
+def errors_of(chain: Any, rest: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Take the magnitudes of the terms out of the options, and how names were read."""
     from metrosep.machine import from_paper
     from metrosep.machine.terms import is_angle

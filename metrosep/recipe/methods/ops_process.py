@@ -17,6 +17,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import column_unit, format_length
+from metrosep.recipe.methods.axis_limits import LIMITS, limits_of
 from metrosep.recipe.methods.ops_machine import CENTRE, form_of, one_map
 
 __all__ = ["SETTING", "JobResult"]
@@ -139,6 +140,17 @@ class FollowUpOfLog(Method):
         return follow_up(log, **rest)
 
 
+STAGE: Mapping[str, str] = {"voltage": "any", "displacement": "length", "time": "time?"}
+"""Columns of the log of a stage."""
+
+
+def stage_log(data: RoleColumns) -> Recording:
+    """Return the log of a stage; samples are in order of time where no time is given."""
+    time = data.values.get("time", np.arange(float(data.values["displacement"].size)))
+    values = {n: data.values[n] for n in ("voltage", "displacement")}
+    return Recording(time, values, history=data.history)
+
+
 class FlexureCalibrated(Method):
     """`flexure_calibration` by its name."""
 
@@ -147,11 +159,7 @@ class FlexureCalibrated(Method):
         "displacement of a flexure stage over its voltage: sensitivity, hysteresis, inverse"
     )
     reads: ClassVar = "table"
-    roles: ClassVar[Mapping[str, str]] = {
-        "voltage": "any",
-        "displacement": "length",
-        "time": "time?",
-    }
+    roles: ClassVar[Mapping[str, str]] = STAGE
     arguments: ClassVar[Mapping[str, Option]] = {
         "line": Option(
             "text",
@@ -166,14 +174,7 @@ class FlexureCalibrated(Method):
         """Return what the step makes."""
         from metrosep.process import flexure_calibration
 
-        n = data.values["displacement"].size
-        time = data.values.get("time", np.arange(float(n)))
-        log = Recording(
-            time,
-            {"voltage": data.values["voltage"], "displacement": data.values["displacement"]},
-            history=data.history,
-        )
-        return flexure_calibration(log, **dict(options))
+        return flexure_calibration(stage_log(data), **dict(options))
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,6 +194,7 @@ class JobResult:
     nose: Any = None  # of the tool that cuts; None where nobody gave it
     setting: Any = None  # of that tool
     found: tuple[str, ...] = ()  # what a measured part says of the tool
+    motion: Any = None  # what the axes must do, where their limits are given
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -328,6 +330,7 @@ class JobPredicted(Method):
             help="freedoms that an alignment takes out of the predicted form, names with commas",
         ),
         "measured": Option("uncertainty", help='P-V of the part as cut, to compare, "8 nm"'),
+        **LIMITS,
     }
 
     @classmethod
@@ -357,7 +360,8 @@ class JobPredicted(Method):
         plan, path = _path(job, rest)
         log = _logged(rest, job)
         removed = tuple(v.strip() for v in rest.get("removed", "").split(",") if v.strip())
-        prediction = job.predict(path, tool=tool, follow_up=log, removed=removed)
+        servo = rest.get("servo", "Z")
+        prediction = job.predict(path, tool=tool, follow_up=log, removed=removed, servo=servo)
         known = None if isinstance(log, float) else log
         doubts: tuple[str, ...] = ()
         if known is not None and (doubt := _other_surface(job, rest)):
@@ -365,12 +369,14 @@ class JobPredicted(Method):
         program = None
         if tool is not None or known is not None or job.nose is not None:
             gain = float(rest.get("gain", 1.0))
-            program = (
-                job.program(path, servo="XZ")
-                if rest.get("servo") == "XZ"
-                else job.compensated(path, tool=tool, follow_up=known, gain=gain)
-            )
+            program = job.compensated(path, tool=tool, follow_up=known, gain=gain, servo=servo)
             _clears(job, rest)
+        motion = None
+        if limits := limits_of(rest):
+            from metrosep.process import axis_motion
+
+            course = job.program(path, cut_points=True) if program is None else program
+            motion = axis_motion(course, limits, block_time=job.block_time)
         history = getattr(log, "history", ())
         return JobResult(
             plan,
@@ -385,6 +391,7 @@ class JobPredicted(Method):
             job.nose,
             tool,
             found,
+            motion,
         )
 
 
@@ -555,11 +562,6 @@ def _check_predict(rest: Mapping[str, Any]) -> None:
             f"dy = {format_length(rest['dy'])}: nothing nearer than that to the spindle axis is cut, "
             f"and the part ends at {format_length(rest['radius'])}"
         )
-    corrected = [k for k in ("dx", "dy", "dR", "follow_up", "part") if k in rest]
-    if rest.get("servo") == "XZ" and corrected:
-        raise DataError(
-            f'{corrected[0]} is made up for by Z alone: leave servo out, or give no {corrected[0]} with "XZ"'
-        )
     log = [k for k in ("log_time", "log_command", "log_actual") if k in rest]
     if log and "follow_up" not in rest:
         raise DataError(f"{log[0]} names a column of a log; give its file: follow_up")
@@ -583,6 +585,7 @@ def _allowed(job: Any, plan: Any) -> Any:
 def _path(job: Any, rest: Mapping[str, Any]) -> tuple[Any, Any]:
     """Return the plan of a tolerance, or the path of a step."""
     common = {k: rest[k] for k in ("distribution", "interpolation", "lead_in") if k in rest}
+    follows = {"servo": rest["servo"]} if "servo" in rest else {}
     steps = [k for k in ("tolerance", "angle_step", "length_step") if k in rest]
     if len(steps) != 1:
         raise DataError(
@@ -590,7 +593,7 @@ def _path(job: Any, rest: Mapping[str, Any]) -> tuple[Any, Any]:
             f"length); got {', '.join(steps) or 'none'}"
         )
     if "tolerance" in rest:
-        plan = job.plan(rest["tolerance"], **common)
+        plan = job.plan(rest["tolerance"], **common, **follows)
         return plan, plan.path
     usual = "CA" if "angle_step" in rest else "CAL"
     if common.setdefault("distribution", usual) != usual:
