@@ -8,6 +8,7 @@ serve the page, the PDF, the workbook and the digital certificate.
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from decimal import ROUND_HALF_EVEN, ROUND_HALF_UP, Decimal
@@ -307,6 +308,12 @@ def method_of(document: Document) -> str:
     return one_line(name + (f" ({', '.join(kept)})" if kept else ""))
 
 
+def standards_of(document: Document) -> list[str]:
+    """Return the standards that the method names, with their editions."""
+    norm = r"(?:ISO|ASME|DIN|EN|IEC)[ /][\w.:-]*\d(?:-\d+)?(?::\d{4})?"
+    return list(dict.fromkeys(re.findall(norm, method_of(document))))
+
+
 def traces(document: Document, fields: Document, t: Mapping[str, str]) -> list[str]:
     """Return the deviations: as stated, steps that were switched off, checks that were waived."""
     found = [str(fields["deviations"])] if fields.get("deviations") else []
@@ -338,6 +345,17 @@ def expanded_of(entry: Document, row: CharacteristicRow) -> tuple[float | None, 
 
         k = expanding_factor(float(entry["dof"]))
     return k * row.u, k
+
+
+def coverage_of(
+    entry: Document, row: CharacteristicRow
+) -> tuple[float | None, float | None, float | None]:
+    """Return U, k and the coverage probability of a value; None if not known."""
+    U, k = expanded_of(entry, row)
+    if U is None or k is None:
+        return U, k, None
+    own = row.U is None or entry.get("u_source") in ("fit residual", "of the method")
+    return U, k, COVERAGE if own else math.erf(k / math.sqrt(2.0))
 
 
 def _rows(document: Document, t: Mapping[str, str], *, comma: bool) -> list[dict[str, Any]]:
