@@ -163,10 +163,10 @@ def certificate(document: Document, messages: Sequence[str] = ()) -> dict[str, A
     missing = missing_fields(fields)
     # the badge counts the rows that make its verdict: REJECTED (2 of 3)
     alike = sum(r["verdict"] == document.get("verdict") for r in judged)
-    agree = problems_of(fields)
-    warnings = sorted(
-        messages, key=lambda m: not any(p in m.lower() for p in map(str.lower, agree))
-    )
+    agree = problems_of(fields, measured_at(document))
+    # fields may have been typed after the run, which then knew nothing of what disagrees
+    held = [m for m in messages if not any(p.lower() in m.lower() for p in agree)]
+    warnings = [*(capital(p) for p in agree), *held]
     mark = stamp(document.get("verdict"))
     return {
         "t": t,
