@@ -14,6 +14,7 @@ from metrosep.cli.options import (
     json_option,
     machine_options,
     name_values,
+    phase,
     say,
 )
 from metrosep.cli.shortcut import list_of, listed, own_recipe, quoted
@@ -468,7 +469,7 @@ def _run(
         _refuse_standing(Path(out), list(_OWN_FILES), force=force)
     report = out is not None or print_recipe
     recipe = own_recipe(context, lines, report=report, print_recipe=print_recipe)
-    return None if recipe is None else recipe.run(list(files), out=out)
+    return None if recipe is None else recipe.run(list(files), out=out, progress=phase)
 
 
 def _draw(test: CircleTest, file: str) -> None:

@@ -30,6 +30,7 @@ __all__ = [
     "named_options",
     "optional_read_options",
     "override_option",
+    "phase",
     "read_aloud",
     "report_option",
     "require_place",
@@ -365,6 +366,13 @@ def say_next(command: str, *words: object) -> None:
     """Print the command that one would type next, as the last line."""
     typed = " ".join(w if re.fullmatch(r"[\w.,=:/*+-]+", w) else f'"{w}"' for w in map(str, words))
     say(f"next: metrosep {command} {typed}")
+
+
+def phase(message: str) -> None:
+    """State what the command is at: shown with the elapsed time once it takes long."""
+    context = click.get_current_context(silent=True)
+    if context is not None and isinstance(context.obj, dict):
+        context.obj["phase"] = message
 
 
 def say(message: str) -> None:

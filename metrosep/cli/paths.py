@@ -14,6 +14,7 @@ from metrosep.cli.options import (
     file_options,
     json_option,
     name_values,
+    phase,
     read_aloud,
     say,
 )
@@ -164,6 +165,7 @@ def path(
         raise click.UsageError("the name after -o holds a line break or another control character")
     _end_cleanly()
     own = {k: options.pop(k) for k in _OF_MACHINES}
+    phase(f"reading {program}")
     if machine is not None:
         return _poses(program, out, machine, errors, own, options, force=force, as_json=as_json)
     for name, value in own.items():
@@ -171,7 +173,9 @@ def path(
             raise click.UsageError(f"--{name.replace('_', '-')} goes with --machine")
     if len(errors) != 1:
         raise click.UsageError("--error names one map of a part; several go with --machine")
+    phase(f"reading {errors[0]}")
     made = _correction(errors[0], reading, options)
+    phase(f"correcting {program}")
     result = (
         _points(program, out, made, options, force=force)
         if points

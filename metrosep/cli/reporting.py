@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from metrosep.cli.options import json_option, name_values, report_option, say
+from metrosep.cli.options import json_option, name_values, phase, report_option, say
 
 if TYPE_CHECKING:
     from metrosep.report.comparison import Comparison, Row
@@ -131,7 +131,8 @@ def report(
         n_own = len(files) if writers.keys() - TOGETHER else 0
         workers = (os.cpu_count() or 1) if n_own >= _MANY else 1
     documents, unread = [], 0
-    for outcome in _outcomes(tasks, workers):
+    for i, outcome in enumerate(_outcomes(tasks, workers), start=1):
+        phase(f"{i} of {len(tasks)} reports")
         for target in () if quiet else outcome.written:
             say(f"report   {target}")
         if outcome.missing:
