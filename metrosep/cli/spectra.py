@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +77,7 @@ def psd(
     try:
         recipe = Recipe.parse("\n".join(lines), name="command line")
     except RecipeError as exc:
-        said = re.sub(r"(?<=: )step \d+ \(psd\): (?:\w+: )?", "", option_error(exc))
+        said = option_error(exc).replace(": limit: ", ": ", 1)
         raise click.UsageError(said, ctx=click.get_current_context()) from None
     measured = measure_object(recipe, read_aloud(file, reading))
     found = measured.stages[-1].detail
