@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ from metrosep.cli.options import (
     json_option,
     machine_options,
     name_values,
+    option_words,
     phase,
     say,
 )
@@ -84,6 +86,8 @@ def calibrate(
     """
     lines = ["metrosep = 1", "", "[input]", f"files = {list_of(sets)}", "", "[[step]]"]
     lines += ['op = "calibrate"', f"machine = {quoted(machine)}"]
+    if context.obj is not None:
+        context.obj["words"] = functools.partial(option_words, keys=("pivot_height",))
     if options["radius"] is not None:
         lines.append(f"machine_radius = {quoted(options['radius'])}")
     if options["pivot_height"] is not None:

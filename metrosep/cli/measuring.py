@@ -454,7 +454,10 @@ def _print_measured(name: str, found: Mapping[str, Any]) -> None:
     for symbol, verdict in found["verdicts"].items():
         for key in ("u_note", "reason"):
             if verdict.get(key):
-                click.echo(f"  {symbol}: {verdict[key]}")
+                said = re.sub(
+                    r'\bU = (?:"([^"]*)"|([\d.]+))', rf'--U "{symbol}=\1\2"', str(verdict[key])
+                )
+                click.echo(f"  {symbol}: {said}")
     if found["verdict"] is not None:
         click.echo(f"  verdict: {found['verdict']}")
 

@@ -283,6 +283,7 @@ def _words(message: str) -> str:
         ("g_system='mill' (or 'B')", "--g-system mill (or B)"),
         ("units= says", "--column-unit says"),
         ("columns=", "--column"),
+        ("give a tolerance to split", "give a --tolerance to split"),
     ):
         message = message.replace(old, new)
     message = re.sub(r"harmless_m=\[(\d+)\]", r"--harmless-m \1", message)

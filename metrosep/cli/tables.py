@@ -122,8 +122,16 @@ def table(
     for file in (out, str(sidecar_path(Path(out)))):
         say(f"wrote {file}")
     if options["trial"] is None:
-        say_next("verify", out, "--against", "MAP" if info.carries == "map" else "NEW.csv")
+        # the readings of the proof are laid out as these were
+        asked = [n for k in _LAID_OUT if options.get(k) for n in (f"--{k}", options[k])]
+        what = "MAP" if info.carries == "map" else "NEW.csv"
+        say_next("verify", out, "--against", what, *asked)
     return 0
+
+
+_LAID_OUT = (
+    "x", "z", "feed", "run", "direction", "time", "target", "readings", "cycle", "deviation",
+)  # fmt: skip
 
 
 def _separated(

@@ -212,3 +212,25 @@ def test_verbs_beside_the_recipe_name_their_phase(words, phase, repository, tmp_
         assert run("-q", "measure", str(part), "--params", "Sq", "-o", str(tmp_path / "r")) == 0
     run("-q", *shlex.split(words.format(map=part, out=tmp_path, result=tmp_path / "r")))
     assert phase in held[-1]["phase"]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("rank fts_lathe", "Missing options '--form' and '--radius'."),
+        (
+            "machine-tables fts_lathe -o out",
+            "argument 'ERRORS...' and options '--over' and '--spacing'.",
+        ),
+        ("batch parts -o out", "metrosep batch RECIPE DIR -o OUT"),
+        ("rank fts_lathe --form 'sphere: R=1 m' --radius '9 mm'", '--error "EXX=1 um"'),
+        ("rank fts_lathe --form 'sphere: R=1 m' --radius '9 mm'", "--all-lengths"),
+        (
+            "rank fts_lathe --form sphere --radius '9 mm' --error 'EXX=1 um'",
+            '--form "sphere" has no',
+        ),
+    ],
+)
+def test_all_that_is_missing_is_said_at_once_in_words_of_the_command(words, says, capsys):
+    assert run(*shlex.split(words)) in (2, 4)
+    assert says in capsys.readouterr().err
