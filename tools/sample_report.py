@@ -22,6 +22,23 @@ files = ["*.sdf"]
 [batch]
 pattern = '(?P<part>[A-Z0-9-]+)_(?P<serial>[0-9]+)[.]sdf'
 key = ["part", "serial"]
+[report]
+number = "QA-2026-0815"
+issued = 2026-11-23
+location = "laboratory"
+temperature = "20.1 degC"
+temperature_U = "0.2 K"
+traceability = "Height scale: step height standard, certificate 4711 of the national institute."
+laboratory = { name = "Sample Laboratory", street = "Ring 3", city = "Jena", country = "DE" }
+customer = { name = "Sample Optics", city = "Zurich", country = "CH", order = "B-77" }
+item = { name = "{part}", serial = "{serial}", material = "brass", condition = "clean" }
+persons = { measured = "M. Messer", checked = "C. Check", released = "R. Reich" }
+[[report.instrument]]
+name = "coherence scanning interferometer"
+serial = "I-77"
+certificate = "4711"
+certificate_date = 2026-06-01
+due = 2027-06-01
 """
 LARGEST = 600_000
 """Bytes: what the documentation may carry for one file."""

@@ -42,6 +42,7 @@ from metrosep.recipe.outputs import recipe_hash
 from metrosep.recipe.parts import order_notes
 from metrosep.recipe.preflight import guard_notes
 from metrosep.recipe.recipe import Recipe
+from metrosep.recipe.schema import INDEX_FORMATS
 
 __all__ = ["run_batch"]
 
@@ -312,7 +313,11 @@ def _nothing(recipe: Recipe, folder: Path, found: Found) -> str:
         text += f"; {len(found.closed)} folder(s) in it cannot be read"
     if found.outputs:
         text += f"; {len(found.outputs)} output folder(s) of batches in it do not count"
-    return f"{text}; check the folder, and 'files' of [input] in {recipe.name}"
+    named = [p for p in recipe.input.get("files") or () if not any(c in p for c in "*?[")]
+    hint = ""
+    if named:  # such as the one of a recipe that --print-recipe printed
+        hint = f'; for all files of one kind write files = ["*{Path(named[0]).suffix}"]'
+    return f"{text}; check the folder, and 'files' of [input] in {recipe.name}{hint}"
 
 
 def _rehearse(task: Task, found: Found, tell: Tell | None) -> BatchReport:
@@ -424,7 +429,7 @@ def told_index(
         waiting=batch.names - rows.keys(),
         left_out=batch.found.apart,
     )
-    wanted = dict.fromkeys(("json", *(recipe.batch_options.get("index") or ("csv",))))
+    wanted = dict.fromkeys(("json", *(recipe.batch_options.get("index") or INDEX_FORMATS)))
     lost = []
     for name in wanted:
         try:

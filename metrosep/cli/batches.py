@@ -25,7 +25,7 @@ _OF_UNITS = (1, 3, 6)
 
 @click.command()
 @click.argument("recipe")
-@click.argument("folder", metavar="DIR")
+@click.argument("folder", metavar="DIR", required=False)
 @click.option(
     "-o", "--out", required=True, help="Folder for the results, one in it for each file."
 )
@@ -70,7 +70,7 @@ def batch(
     context: click.Context,
     /,
     recipe: str,
-    folder: str,
+    folder: str | None,
     every: float | None,
     watch: bool,
     exit_zero: bool,
@@ -89,6 +89,11 @@ def batch(
     from metrosep.recipe.preflight import require_limits
     from metrosep.recipe.recipe import Recipe
 
+    if folder is None:
+        raise click.UsageError(
+            "a batch needs a recipe and a folder, metrosep batch RECIPE DIR -o OUT; 'metrosep measure "
+            'FILE ... --print-recipe\' prints a recipe, of which files = ["*.x3p"] takes every file'
+        )
     if every is not None and not watch:
         raise click.UsageError("--every needs --watch")
     seconds = (5.0 if every is None else every) if watch else None
@@ -108,7 +113,8 @@ def batch(
         say(_one_line(f"{row['status']:12} {row['unit']} -> {row['link'] or row['reason']}"))
     say(report.summary())
     if report.out is not None:
-        say(f"index    {report.out / 'index.json'}")
+        page = report.out / "index.html"
+        say(f"index    {page if page.is_file() else report.out / 'index.json'}")
         say_next("report", report.out, "--format", "xlsx", "-o", "reports")
     return code
 

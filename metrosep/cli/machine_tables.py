@@ -19,6 +19,7 @@ from metrosep.cli.options import (
     json_option,
     machine_options,
     name_values,
+    phase,
     say,
 )
 
@@ -160,6 +161,7 @@ def machine_tables(
         common["tool"] = point_of(options["tool"])
     folder = Path(out)
     carry_out = _volume if len(over) == 3 else _tables
+    phase(f"making the tables over {', '.join(over)}")
     with _places_hinted():
         found = carry_out(chain, terms, common, name, folder, options, force=force)
     if as_json:
@@ -247,6 +249,7 @@ def volume(
     if options["tool"] is not None:
         place["tool"] = point_of(options["tool"])
     allowed = quantity(options["tolerance"], "--tolerance", "length")
+    phase("choosing the nodes of the grid")
     with _places_hinted():
         positions = volume_positions(
             chain,
@@ -257,6 +260,7 @@ def volume(
             **place,
         )
     made = volume_from_machine(chain, terms, over=over, positions=positions, at=at, **place)
+    phase("applying the grid to the volume")
     if out is None:
         ready, judged = None, made.verify(readings=readings)
     else:

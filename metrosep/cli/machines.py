@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,8 @@ from metrosep.cli.options import (
     json_option,
     machine_options,
     name_values,
+    option_words,
+    phase,
     say,
 )
 from metrosep.cli.shortcut import list_of, listed, own_recipe, quoted
@@ -83,6 +86,8 @@ def calibrate(
     """
     lines = ["metrosep = 1", "", "[input]", f"files = {list_of(sets)}", "", "[[step]]"]
     lines += ['op = "calibrate"', f"machine = {quoted(machine)}"]
+    if context.obj is not None:
+        context.obj["words"] = functools.partial(option_words, keys=("pivot_height",))
     if options["radius"] is not None:
         lines.append(f"machine_radius = {quoted(options['radius'])}")
     if options["pivot_height"] is not None:
@@ -468,7 +473,7 @@ def _run(
         _refuse_standing(Path(out), list(_OWN_FILES), force=force)
     report = out is not None or print_recipe
     recipe = own_recipe(context, lines, report=report, print_recipe=print_recipe)
-    return None if recipe is None else recipe.run(list(files), out=out)
+    return None if recipe is None else recipe.run(list(files), out=out, progress=phase)
 
 
 def _draw(test: CircleTest, file: str) -> None:

@@ -134,6 +134,23 @@ def _global_first(words: list[str]) -> list[str]:
     return first + [w for w, yes in zip(words, is_global, strict=True) if not yes]
 
 
+def _all_missing(error: click.ClickException, words: list[str]) -> str:
+    """Return the message of options that a call needs and lacks, all at once; empty for other errors."""
+    if not isinstance(error, click.MissingParameter) or error.ctx is None:
+        return ""
+    given = {w.partition("=")[0] for w in words} | {w[:2] for w in words if not w.startswith("--")}
+    lacking = [
+        p.opts[-1]
+        for p in error.ctx.command.params
+        if p.required and isinstance(p, click.Option) and not given & {*p.opts}
+    ]
+    first = error.format_message().rstrip(".") if isinstance(error.param, click.Argument) else ""
+    if len(lacking) + bool(first) < 2:
+        return ""
+    options = f"option{'s' if len(lacking) > 1 else ''} " + " and ".join(f"'{n}'" for n in lacking)
+    return f"{first} and {options}." if first else f"Missing {options}."
+
+
 def _verbosity(arguments: list[str]) -> int:
     count = 0
     for argument in arguments:
@@ -231,7 +248,7 @@ def main(arguments: list[str] | None = None) -> Any:
 
         sys.exit(report_error(KeyboardInterrupt(), verbosity=0))
     except click.ClickException as exc:
-        line = " ".join(exc.format_message().split())
+        line = " ".join((_all_missing(exc, words) or exc.format_message()).split())
         hint = ""
         if isinstance(exc, click.UsageError) and exc.ctx is not None:
             hint = f" (see '{exc.ctx.command_path} --help')"

@@ -15,6 +15,7 @@ from metrosep.cli.options import (
     file_options,
     json_option,
     name_values,
+    phase,
     read_aloud,
     report_option,
     say,
@@ -245,7 +246,7 @@ def measure(
         content = results[0] if len(files) == 1 else {"files": results}
         click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
     if out is not None:
-        for path in recipe.run([files[0]], out=out).files:
+        for path in recipe.run([files[0]], out=out, progress=phase).files:
             say(f"{'report' if path.suffix == '.html' else 'result':8} {path}")
         say_next("report", out, "--format", "pdf", "-o", "reports")
     return next((c for c in _WORST_FIRST if c in codes), 0)
@@ -394,6 +395,7 @@ def _measured(
     values: Callable[[str], list[float]] | None = None,
 ) -> dict[str, Any]:
     """Return what the steps of a recipe find in a file, as it is printed, and the `Measurement`."""
+    phase(f"measuring {name}")
     from metrosep.core.errors import RecipeError
     from metrosep.core.profile import Profile
     from metrosep.core.surface import Surface
@@ -452,7 +454,10 @@ def _print_measured(name: str, found: Mapping[str, Any]) -> None:
     for symbol, verdict in found["verdicts"].items():
         for key in ("u_note", "reason"):
             if verdict.get(key):
-                click.echo(f"  {symbol}: {verdict[key]}")
+                said = re.sub(
+                    r'\bU = (?:"([^"]*)"|([\d.]+))', rf'--U "{symbol}=\1\2"', str(verdict[key])
+                )
+                click.echo(f"  {symbol}: {said}")
     if found["verdict"] is not None:
         click.echo(f"  verdict: {found['verdict']}")
 

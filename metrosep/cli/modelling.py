@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from metrosep.cli.options import json_option, name_values, say
+from metrosep.cli.options import json_option, name_values, option_words, say
 from metrosep.cli.shortcut import PARTS_AND_REPORT, list_of, own_recipe, quoted
 from metrosep.core.options import KINDS
+from metrosep.core.readable import readable_text
 from metrosep.separation.positions.laser_options import AIR_KEYS
 
 if TYPE_CHECKING:
@@ -23,6 +25,11 @@ __all__ = ["air", "identified", "predict", "rank"]
 @click.option("--form", required=True, metavar="FORM", help='"toric: Rb=265 mm, Rd=132.5 mm" ...')
 @click.option("--radius", required=True, metavar="LENGTH", help='Radius of the part: "20 mm".')
 @click.option("--inner-radius", metavar="LENGTH", help="Radius of a hole in the part.")
+@click.option(
+    "--pivot-height",
+    metavar="LENGTH",
+    help="Height of the table above the axis of A, for the preset five_axis.",
+)
 @click.option(
     "--error",
     "errors",
@@ -85,7 +92,16 @@ def rank(
     if errors:
         pairs = ", ".join(f"{quoted(k)} = {quoted(v)}" for k, v in name_values(errors, "--error"))
         lines.append(f"errors = {{ {pairs} }}")
+    if context.obj is not None:
+        context.obj["words"] = _ranked_words
     return _carried_out(context, lines, (), out, print_recipe=print_recipe, as_json=as_json)
+
+
+def _ranked_words(message: str) -> str:
+    """Return a message of the step ``rank`` with its keys as options of the command."""
+    keys = ("all_lengths", "all_angles", "inner_radius", "spindle_errors", "pivot_height")
+    words = re.sub(r"^form = ", "--form ", option_words(readable_text(message), keys))
+    return re.sub(r'\b(E[XYZABC]{2}) = "', r'--error "\1=', words)
 
 
 def _stated(command: Callable[..., int]) -> Callable[..., int]:

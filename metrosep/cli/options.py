@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -28,8 +28,10 @@ __all__ = [
     "missing_options",
     "name_values",
     "named_options",
+    "option_words",
     "optional_read_options",
     "override_option",
+    "phase",
     "read_aloud",
     "report_option",
     "require_place",
@@ -365,6 +367,23 @@ def say_next(command: str, *words: object) -> None:
     """Print the command that one would type next, as the last line."""
     typed = " ".join(w if re.fullmatch(r"[\w.,=:/*+-]+", w) else f'"{w}"' for w in map(str, words))
     say(f"next: metrosep {command} {typed}")
+
+
+def option_words(message: str, keys: Iterable[str]) -> str:
+    """Return a message with keys of a step as options of the command that has these."""
+    found = "|".join(map(re.escape, keys))
+    return re.sub(
+        rf"(?<![-\w])({found})\b(?: = )?",
+        lambda m: "--" + m[1].replace("_", "-") + (" " if m[0].endswith(" = ") else ""),
+        message,
+    )
+
+
+def phase(message: str) -> None:
+    """State what the command is at: shown with the elapsed time once it takes long."""
+    context = click.get_current_context(silent=True)
+    if context is not None and isinstance(context.obj, dict):
+        context.obj["phase"] = message
 
 
 def say(message: str) -> None:

@@ -14,6 +14,7 @@ from metrosep.cli.options import (
     file_options,
     json_option,
     name_values,
+    phase,
     read_aloud,
     say,
 )
@@ -166,6 +167,7 @@ def path(
         raise click.UsageError("the name after -o holds a line break or another control character")
     _end_cleanly()
     own = {k: options.pop(k) for k in _OF_MACHINES}
+    phase(f"reading {program}")
     if machine is not None:
         return _poses(program, out, machine, errors, own, options, force=force, as_json=as_json)
     for name, value in own.items():
@@ -173,7 +175,9 @@ def path(
             raise click.UsageError(f"--{name.replace('_', '-')} goes with --machine")
     if len(errors) != 1:
         raise click.UsageError("--error names one map of a part; several go with --machine")
+    phase(f"reading {errors[0]}")
     made = _correction(errors[0], reading, options)
+    phase(f"correcting {program}")
     result = (
         _points(program, out, made, options, force=force)
         if points
@@ -296,6 +300,7 @@ def _words(message: str) -> str:
         ("g_system='mill' (or 'B')", "--g-system mill (or B)"),
         ("units= says", "--column-unit says"),
         ("columns=", "--column"),
+        ("give a tolerance to split", "give a --tolerance to split"),
     ):
         message = message.replace(old, new)
     message = re.sub(r"harmless_m=\[(\d+)\]", r"--harmless-m \1", message)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from metrosep.cli.options import json_option, name_values, report_option, say
+from metrosep.cli.options import json_option, name_values, phase, report_option, say
 
 if TYPE_CHECKING:
     from metrosep.report.comparison import Comparison, Row
@@ -34,7 +34,7 @@ _MANY = 8
     default="html",
     show_default=True,
     metavar="NAME,...",
-    help="Formats of the reports: html, pdf, xlsx, csv, parquet, dfq, dcc.",
+    help="Formats of the reports: html, pdf, xlsx, csv, parquet, dfq, dcc, qif.",
 )
 @click.option("-o", "--out", required=True, metavar="DIR", help="Folder for the reports.")
 @report_option
@@ -131,7 +131,8 @@ def report(
         n_own = len(files) if writers.keys() - TOGETHER else 0
         workers = (os.cpu_count() or 1) if n_own >= _MANY else 1
     documents, unread = [], 0
-    for outcome in _outcomes(tasks, workers):
+    for i, outcome in enumerate(_outcomes(tasks, workers), start=1):
+        phase(f"{i} of {len(tasks)} reports")
         for target in () if quiet else outcome.written:
             say(f"report   {target}")
         if outcome.missing:
@@ -371,9 +372,6 @@ def _names(files: Sequence[Path]) -> list[str]:
 
 # ---- the reports of one result, in this process or in a worker of `metrosep report` ------------
 
-ENDINGS = {"dcc": "dcc.xml", "qif": "qif.xml"}
-"""Of files whose format is not their ending."""
-
 TOGETHER = frozenset({"csv", "parquet"})
 """Formats that hold all results in one file."""
 
@@ -436,6 +434,7 @@ def rendered(task: RenderTask) -> Rendered:
         RecipeError,
         UnsupportedFeatureError,
     )
+    from metrosep.recipe.preflight import report_name
     from metrosep.recipe.result import load_document
     from metrosep.report.csv_long import long_rows
 
@@ -447,7 +446,7 @@ def rendered(task: RenderTask) -> Rendered:
     missing: list[str] = []
     shared = None
     for kind, write in task.writers.items():
-        target = task.folder / f"{task.name}.{ENDINGS.get(kind, kind)}"
+        target = task.folder / report_name(kind, task.name)
         try:
             if kind in TOGETHER and not task.alone:
                 list(long_rows([document]))  # written by the caller; what is damaged is told here

@@ -253,7 +253,7 @@ def option_error(
             said,
         )
         return f"{made['label']}: {said}"
-    message = re.sub(r"^command line(:\d+)?: ", "", str(error))
+    message = re.sub(r"^command line(:\d+)?: (step \d+ \([\w-]+\): )?", "", str(error))
     key = error.key or ""
     options = {"degree": "poly", "controller": "table", "path": "table", "machine": "machine"}
     option = "--" + options.get(key, key).replace("_", "-")

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from metrosep.cli.options import INPUT_KEYS, file_options, json_option, read_aloud, say
-from metrosep.cli.shortcut import input_lines, quoted
+from metrosep.cli.options import INPUT_KEYS, file_options, json_option, phase, read_aloud, say
+from metrosep.cli.shortcut import input_lines, option_error, quoted
 
 __all__ = ["psd"]
 
@@ -57,6 +57,7 @@ def psd(
     The exit code is 0 accepted, 1 rejected, 3 inconclusive.
     """
     from metrosep.cli.errors import verdict_code
+    from metrosep.core.errors import RecipeError
     from metrosep.recipe.pipeline_run import measure_object
     from metrosep.recipe.recipe import Recipe
 
@@ -73,7 +74,11 @@ def psd(
         f"estimate = {quoted(estimate)}",
     ]
     lines += ["", "[[check]]", 'metric = "PSD"', "", "[[output]]", 'kind = "report"', ""]
-    recipe = Recipe.parse("\n".join(lines), name="command line")
+    try:
+        recipe = Recipe.parse("\n".join(lines), name="command line")
+    except RecipeError as exc:
+        said = option_error(exc).replace(": limit: ", ": ", 1)
+        raise click.UsageError(said, ctx=click.get_current_context()) from None
     measured = measure_object(recipe, read_aloud(file, reading))
     found = measured.stages[-1].detail
     bands = measured.stages[-1].audit["bands"]
@@ -101,6 +106,6 @@ def psd(
             click.echo(f"  note: {note}")
         click.echo(f"  verdict: {found.verdict}")
     if out is not None:
-        for path in recipe.run([file], out=out).files:
+        for path in recipe.run([file], out=out, progress=phase).files:
             say(f"{'report' if path.suffix == '.html' else 'result':8} {path}")
     return verdict_code(found.verdict)

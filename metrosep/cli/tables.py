@@ -19,6 +19,7 @@ from metrosep.cli.options import (
     json_option,
     name_values,
     optional_read_options,
+    phase,
     read_aloud,
     say,
     say_next,
@@ -123,7 +124,10 @@ def table(
     for file in (out, str(sidecar_path(Path(out)))):
         say(f"wrote {file}")
     if options["trial"] is None:
-        say_next("verify", out, "--against", "MAP" if info.carries == "map" else "NEW.csv")
+        # the readings of the proof are laid out as these were
+        asked = [n for k in _LAID_OUT if options.get(k) for n in (f"--{k}", options[k])]
+        what = "MAP" if info.carries == "map" else "NEW.csv"
+        say_next("verify", out, "--against", what, *asked)
     return 0
 
 
@@ -140,6 +144,11 @@ def _hold_runs(files: tuple[str, ...], options: dict[str, Any]) -> bool:
     except (MetrosepError, OSError):  # said where it is read
         return False
     return kinds <= {"runs", "table"} and tells_runs(options, files)
+
+
+_LAID_OUT = (
+    "x", "z", "feed", "run", "direction", "time", "target", "readings", "cycle", "deviation",
+)  # fmt: skip
 
 
 def _separated(
@@ -166,7 +175,7 @@ def _separated(
         recipe = Recipe.parse(text, name="command line")
     except RecipeError as exc:
         raise click.UsageError(option_error(exc)) from None
-    document = dict(recipe.run(list(files)).document)
+    document = dict(recipe.run(list(files), progress=phase).document)
     for message in document["messages"]:
         say(f"note: {message}")
     return document
@@ -373,6 +382,7 @@ def _write(
     force: bool,
 ) -> dict[str, Any]:
     """Write a table; returns what its sidecar says."""
+    phase(f"making {Path(path).name} and applying it to the readings")
     from metrosep.controllers.base import own_part
     from metrosep.controllers.files import prepare
 
@@ -470,6 +480,7 @@ def verify(
         beside = own_part(sidecar, getattr(loaded, "compensates", None))
         loaded, known_travel = _as_made(loaded, beside, path)
         measured = _against(files, options, _cells_of(loaded))
+        phase(f"applying {path} to the readings")
         if active not in (None, NONE):
             was = active_file(active, loaded, name, known)
             lookup = was.increment(lookup)
@@ -612,6 +623,7 @@ def _read_map(file: str, reading: dict[str, Any]) -> Any:
 
 def read_runs_of(files: Sequence[str], options: dict[str, Any], *, angles: bool = False) -> RunSet:
     """Return the runs that files hold."""
+    phase(f"reading {files[0]}" if len(files) == 1 else f"reading {len(files)} files")
     from metrosep.core.text_options import TEXT_OPTIONS
     from metrosep.io.runs import read_runs
 

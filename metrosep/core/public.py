@@ -355,7 +355,8 @@ class Guessed:
         Parameters
         ----------
         **options
-            Of `metrosep.parameters.step_height`: ``width``, ``middle``, ``kind``, ``axis``.
+            Of `metrosep.parameters.step_height`: ``width``, ``middle``, ``kind``, ``axis``, ``degree``, ``upper``,
+            ``lower``.
 
         Returns
         -------

@@ -543,15 +543,18 @@ def format_length(value: float | None, *, digits: int = 4) -> str:
 
 
 def format_engineering(value: float, unit: str, *, digits: int = 4) -> str:
-    """Return a value with its unit name; lengths get a readable prefix.
+    """Return a value with its unit name; lengths and angles get a readable prefix.
 
     Examples
     --------
-    >>> format_engineering(0.5, "V")
-    '0.5 V'
+    >>> format_engineering(0.5, "V"), format_engineering(-1.6e-4, "rad")
+    ('0.5 V', '-160 urad')
     """
     if unit == "m":
         return format_length(value, digits=digits)
+    if unit == "rad" and 0.0 < abs(value) < 1e-3:
+        factor, unit = (1e-6, "urad") if abs(value) >= 1e-6 else (1e-9, "nrad")
+        value /= factor
     return f"{_plain_digits(value, digits)} {'' if unit == '1' else unit}".rstrip()
 
 

@@ -4,32 +4,38 @@ A groove of width W has its middle at 0. Of A1 the line a x + b of the upper fac
 from the middle) and the bottom (|x| <= W/6), h lower, are fitted together by least squares; what lies
 between is not used, as edges are round. Of A2 the line goes through the outer ranges and a parabola
 through the inner one; the depth is that of its vertex, its u that of line and parabola together.
-Recalled from ISO 5436-1:2000, not read.
+A bow k x^2 of the faces shifts the depth of A1 by 25/18 k W^2; with ``degree=2`` it is fitted as well.
+Between two regions of a map z = a + b x + c y + d is fitted together, d in the upper region only: the plane is
+that of both. Recalled from ISO 5436-1:2000, not read.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 
-from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core._arrays import BoolArray, FloatArray
+from metrosep.core.errors import DataError, OptionError, TooFewSamplesError
 from metrosep.core.numbers import choice, positive, real
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
+from metrosep.core.regions import check_region, within_region
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.forms._correlated import estimated
-from metrosep.forms.points import points_of
+from metrosep.forms.points import Points, points_of
 from metrosep.spectral.dft import instance_of
 
 __all__ = ["StepHeight", "step_height"]
 
 EDITION = "ISO 5436-1:2000 (recalled)"
-_LEAST = 3
-"""Samples in a range."""
+_LEAST, _LEAST_OF_REGION = 3, 10
+"""Samples in a range of a groove, and in a region of a map."""
+_BOWED = 0.01
+"""Of a height: a bow of the faces that shifts it by more is reported."""
 _ROUNDING = 1e-9
 """Of a width: a sample on the end of a range belongs to it."""
 _INNER = 1.0 / 6.0 + _ROUNDING
@@ -42,19 +48,23 @@ class StepHeight:
     Parameters
     ----------
     height : float, m
-        Of the middle over the faces beside it: negative for a groove.
+        Of the middle over the faces beside it, or of the upper region over the lower one: negative for
+        a groove.
     u : float, m
         Standard uncertainty from the correlation of the residual.
     dof : float
         Its degrees of freedom.
     slope : float
-        Of the faces.
+        Of the faces, in the middle of a groove; of two regions the largest slope of their plane.
     n_used : int
         Samples in the ranges.
     rms : float, m
         What the fit leaves in them.
-    kind : {"A1", "A2"}
-        Of the groove.
+    kind : {"A1", "A2", "regions"}
+        Of the groove, or the step between two regions.
+    bow : float, m
+        By how much a bow of the faces moves the height of a straight fit; 0 where ``degree=2`` fitted it, or
+        where the samples cannot tell it.
     """
 
     height: float
@@ -63,7 +73,17 @@ class StepHeight:
     slope: float
     n_used: int
     rms: float
-    kind: Literal["A1", "A2"]
+    kind: Literal["A1", "A2", "regions"]
+    bow: float = 0.0
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What a reader has to know: a bow of the faces that shifts the height by more than 1 %."""
+        if abs(self.bow) <= max(_BOWED * abs(self.height), self.u if np.isfinite(self.u) else 0.0):
+            return ()
+        return (
+            f"the faces are bowed, which moves the height by {format_length(self.bow)}: take degree = 2",
+        )
 
     @property
     def depth(self) -> float:
@@ -87,6 +107,10 @@ class StepHeight:
         what = "depth of a groove" if self.height < 0.0 else "height of a ridge"
         if signed:
             what = "height of the middle over the faces beside it, negative for a groove"
+        if self.kind == "regions":
+            what = "height of the upper region over the lower one" + (
+                "" if signed else ", absolute"
+            )
         text = f"{what}, {EDITION}, type {self.kind}, {self.n_used} samples"
         return Quantity(
             self.height if signed else self.depth, "m", text,
@@ -98,25 +122,34 @@ class StepHeight:
 def step_height(
     obj: Profile | Surface,
     *,
-    width: float | str,
+    width: float | str | None = None,
     middle: float | str = 0.0,
     kind: Literal["A1", "A2"] = "A1",
     axis: Literal["x", "y"] = "x",
+    degree: int = 1,
+    upper: Mapping[str, Any] | BoolArray | None = None,
+    lower: Mapping[str, Any] | BoolArray | None = None,
 ) -> StepHeight:
-    """Return the depth of a groove, or the height of a ridge.
+    """Return the depth of a groove, the height of a ridge, or of one region of a map over another.
 
     Parameters
     ----------
     obj : Profile or Surface
         Not filtered; NaN is left out. Of a map the groove runs along the other axis.
-    width : float (m) or str with unit
-        W, of the groove.
+    width : float (m) or str with unit, optional
+        W, of the groove; needed without `upper` and `lower`.
     middle : float (m) or str with unit, optional
         Position of its middle.
     kind : {"A1", "A2"}, optional
         Flat or round bottom.
     axis : {"x", "y"}, optional
         Of a map: across the groove.
+    degree : {1, 2}, optional
+        Faces that are straight, or bowed.
+    upper, lower : mapping or array_like of bool, shape of the map, optional
+        Regions whose difference is wanted, upper minus lower: as an aperture,
+        ``{"shape": "rectangle", "width": "2 mm", "height": "1 mm", "centre": ("5 mm", "3 mm")}``, or the
+        pixels themselves.
 
     Returns
     -------
@@ -126,14 +159,19 @@ def step_height(
     Raises
     ------
     DataError
-        If an option is unknown, `width` is not positive, or a map has no lateral step.
+        If an option is unknown, `width` is not positive, a region is wrong or both overlap, or a map has
+        no lateral step.
+    OptionError
+        If neither `width` nor both regions are given, or both are.
     TooFewSamplesError
-        If a range holds fewer than 3 valid samples.
+        If a range holds fewer than 3 valid samples, or a region fewer than 10.
 
     Notes
     -----
     A1: ``z = a x + b + h delta`` with delta 1 for ``|x| <= W/6`` and 0 for ``5W/6 <= |x| <= 3W/2``, one
-    least-squares fit. That is the d of the standard, ``2 |h'|`` with delta' = +-1.
+    least-squares fit. That is the d of the standard, ``2 |h'|`` with delta' = +-1. Two regions:
+    ``z = a + b x + c y + d delta`` with delta 1 in the upper one. ``degree=2`` adds x^2, and x y and y^2
+    of a plane.
 
     References
     ----------
@@ -145,14 +183,36 @@ def step_height(
     >>> found = step_height(Profile(x, np.where(abs(x) < 45e-6, -1e-6, 0.0)), width="100 um")
     >>> f"{found.height * 1e6:.3f} um"
     '-1.000 um'
+    >>> tilted = Surface(np.add.outer(np.zeros(9), np.arange(20) * 1e-9), "1 um", "1 um")
+    >>> half = np.arange(20) >= 10
+    >>> upper, lower = np.tile(half, (9, 1)), np.tile(~half, (9, 1))
+    >>> abs(step_height(tilted, upper=upper, lower=lower).height) < 1e-20
+    True
     """
     instance_of(obj, (Profile, Surface), "a step height")
     choice(kind, "kind", ("A1", "A2"))
     choice(axis, "axis", ("x", "y"))
-    W = positive(width, "width", dimension="length")
-    centre = real(middle, "middle", dimension="length")
+    if isinstance(degree, bool) or degree not in (1, 2):
+        raise DataError(f"degree of the faces is 1 or 2, got {degree!r}")
+    regions = [r for r in (upper, lower) if r is not None]
+    if (width is None) == (not regions) or len(regions) == 1:
+        raise OptionError(
+            "a step height needs the width of a groove, or two regions: upper and lower"
+        )
     if isinstance(obj, Surface) and (obj.dx is None or obj.dy is None):
         raise DataError("the surface has no lateral step in both axes: give Surface(z, dx, dy)")
+    if width is None:
+        if not isinstance(obj, Surface):
+            raise DataError("upper and lower are regions of a map; of a profile give width")
+        return _between_regions(obj, upper, lower, degree)
+    W = positive(width, "width", dimension="length")
+    return _groove(obj, W, real(middle, "middle", dimension="length"), kind, axis, degree)
+
+
+def _groove(
+    obj: Profile | Surface, W: float, centre: float, kind: Any, axis: str, degree: int
+) -> StepHeight:
+    """Return the height of the middle range over the outer two."""
     across = axis == "x" or isinstance(obj, Profile)
     points = points_of(obj, centre=(centre, 0.0) if across else (0.0, centre), middle=False)
     t = points.x[None, :] if across else points.y[:, None]
@@ -173,49 +233,144 @@ def step_height(
                 f"{format_length(float(along.max()))}, the middle is at {format_length(centre)} and "
                 f"width is {format_length(W)}; give the middle=... of the groove, or measure 3 widths"
             )
-    used = (inner | outer) & valid
-    level = float(np.median(points.z[used]))
-    columns = _flat_bottom if kind == "A1" else _round_bottom
-    basis = columns(t[used], inner[used].astype(np.float64))
-    coefficients = np.asarray(
-        np.linalg.lstsq(basis.T, points.z[used] - level, rcond=None)[0], dtype=np.float64
+
+    def columns(x: FloatArray, y: FloatArray, bowed: bool) -> FloatArray:
+        s = (x if across else y) / W
+        inside = (np.abs(s) <= _INNER).astype(np.float64)
+        # of A2 the parabola in the middle takes all that is there: the line is that of the outer ranges
+        middle = [inside] if kind == "A1" else [inside, inside * s, inside * s * s]
+        return np.stack([np.ones_like(s), s, *middle, *([s * s] if bowed else [])])
+
+    found, slopes = _fitted(points, (inner | outer) & valid, columns, kind, degree)
+    return replace(found, slope=slopes[1] / W)
+
+
+def _between_regions(surface: Surface, upper: Any, lower: Any, degree: int) -> StepHeight:
+    """Return the height of one region over another."""
+    inside = {name: _pixels(surface, r, name) for name, r in (("upper", upper), ("lower", lower))}
+    if (inside["upper"] & inside["lower"]).any():
+        raise DataError("the regions upper and lower overlap; a pixel belongs to one of them")
+    valid = ~np.isnan(surface.z)
+    for name, part in inside.items():
+        if int((part & valid).sum()) < _LEAST_OF_REGION:
+            raise TooFewSamplesError(
+                f"the region {name} holds {int((part & valid).sum())} valid pixels, {_LEAST_OF_REGION} "
+                "are needed; make it larger, or move it to where the map was measured"
+            )
+    used = (inside["upper"] | inside["lower"]) & valid
+    assert surface.dx is not None  # noqa: S101  # as the caller made sure
+    assert surface.dy is not None  # noqa: S101
+    dx, dy = surface.dx, surface.dy
+    rows, columns_ = np.nonzero(used)
+    x0, y0 = (
+        o + float(i.mean()) * d
+        for o, i, d in zip(surface.origin, (columns_, rows), (dx, dy), strict=True)
     )
+    points = points_of(surface, centre=(x0, y0), middle=False)
+    L = max(float(np.ptp(columns_)) * dx, float(np.ptp(rows)) * dy)
+    mark = inside["upper"].astype(np.float64)
+
+    def columns(x: FloatArray, y: FloatArray, bowed: bool) -> FloatArray:
+        at = [
+            np.clip(np.rint((v + c - o) / d).astype(np.intp), 0, n - 1)
+            for v, c, o, d, n in zip(
+                (y, x), (y0, x0), surface.origin[::-1], (dy, dx), surface.shape, strict=True
+            )
+        ]
+        u, v = x / L, y / L
+        bow = [u * u, u * v, v * v] if bowed else []
+        return np.stack([np.ones_like(u), u, mark[at[0], at[1]], v, *bow])
+
+    found, slopes = _fitted(points, used, columns, "regions", degree)
+    return replace(found, slope=float(np.hypot(slopes[1], slopes[3])) / L)
+
+
+def _pixels(surface: Surface, region: Any, name: str) -> BoolArray:
+    """Return which pixels lie in a region."""
+    if not isinstance(region, Mapping):
+        flags = np.asarray(region)
+        if flags.dtype != np.bool_ or flags.shape != surface.shape:
+            raise DataError(
+                f"{name} is a region such as {{'shape': 'circle', 'diameter': '1 mm', 'centre': ...}}, or "
+                f"flags of shape {surface.shape}; got {flags.dtype} of shape {flags.shape}"
+            )
+        return flags
+    known = {**region}
+    shape = str(known.pop("shape", "circle"))
+
+    def place(pair: Any, what: str) -> tuple[float, float]:
+        parts = pair.split(",") if isinstance(pair, str) else [*pair]
+        if len(parts) != 2:
+            raise DataError(f"{what} of {name} has x and y, got {pair!r}")
+        x, y = (real(v, f"{what} of {name}", dimension="length") for v in parts)
+        return x, y
+
+    made: dict[str, Any] = {}
+    for key, value in known.items():
+        if key == "points":
+            made[key] = [place(v, "a point") for v in value]
+        elif key == "centre":
+            made[key] = place(value, "the centre")
+        else:
+            kind = "angle" if key == "angle" else "length"
+            made[key] = real(value, f"{key} of {name}", dimension=kind)
+    check_region(shape, made, is_profile=False)
+    if "points" not in made and "centre" not in made:
+        raise DataError(f'{name}: a {shape} needs its centre = ["5 mm", "3 mm"]')
+    dx, dy = surface.dx or 0.0, surface.dy or 0.0
+    x = surface.origin[0] + dx * np.arange(surface.shape[1], dtype=np.float64)
+    y = surface.origin[1] + dy * np.arange(surface.shape[0], dtype=np.float64)
+    return within_region({"shape": shape, **made}, x, y, made.get("centre", (0.0, 0.0)))
+
+
+def _fitted(
+    points: Points,
+    used: BoolArray,
+    columns: Callable[[FloatArray, FloatArray, bool], FloatArray],
+    kind: Any,
+    degree: int,
+) -> tuple[StepHeight, FloatArray]:
+    """Return the step of one least-squares fit, and its coefficients; the third is that of the step."""
+    x, y = np.broadcast_arrays(points.x[None, :], points.y[:, None])
+    x, y, level = x[used], y[used], float(np.median(points.z[used]))
+    heights = points.z[used] - level
+
+    def solved(bowed: bool) -> tuple[FloatArray, FloatArray, bool]:
+        basis = columns(x, y, bowed)
+        found, _, rank, _ = np.linalg.lstsq(basis.T, heights, rcond=None)
+        return np.asarray(found, dtype=np.float64), basis, bool(rank == len(basis))
+
+    coefficients, basis, known = solved(degree == 2)
+    if not known:
+        raise DataError(
+            "the faces cannot be separated from the step: take larger regions, or degree = 1"
+        )
     residual = np.full(points.z.shape, np.nan)
-    residual[used] = points.z[used] - level - coefficients @ basis
-    height, slopes = _height_of(coefficients)
+    residual[used] = heights - coefficients @ basis
+    height, slopes = _height_of(coefficients, kind)
 
     def linearise(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-        s = (x if across else y) / W
-        return np.vstack([columns(s, (np.abs(s) <= _INNER).astype(np.float64)), z])
+        return np.vstack([columns(x, y, degree == 2), z])
 
     found = estimated(points, linearise, residual, coefficients.size)
+    bow = 0.0
+    if degree == 1:
+        other, _, known = solved(bowed=True)
+        bow = height - _height_of(other, kind)[0] if known else 0.0
     u = float(np.sqrt(slopes @ found.cov @ slopes))
     rms = float(np.sqrt(np.mean(np.square(residual[used]))))
-    slope = float(coefficients[1]) / W
-    return StepHeight(height, u, found.dof, slope, int(used.sum()), rms, kind)
+    step = StepHeight(height, u, found.dof, 0.0, int(used.sum()), rms, kind, bow)
+    return step, coefficients
 
 
-def _flat_bottom(s: FloatArray, inside: FloatArray) -> FloatArray:
-    """Return the columns of a line and of a step in the middle."""
-    return np.stack([np.ones_like(s), s, inside])
-
-
-def _round_bottom(s: FloatArray, inside: FloatArray) -> FloatArray:
-    """Return the columns of a line and of a parabola in the middle, which takes all that is there.
-
-    So the line is that of the outer ranges alone.
-    """
-    return np.stack([np.ones_like(s), s, inside, inside * s, inside * s * s])
-
-
-def _height_of(coefficients: FloatArray) -> tuple[float, FloatArray]:
+def _height_of(coefficients: FloatArray, kind: str) -> tuple[float, FloatArray]:
     """Return the height of the middle over the line, and its derivatives with the coefficients."""
     slopes = np.zeros(coefficients.size)
     slopes[2] = 1.0
-    if coefficients.size == 3:
+    if kind != "A2":
         return float(coefficients[2]), slopes
-    c0, c1, c2 = coefficients[2:]
+    c0, c1, c2 = coefficients[2:5]
     if c2 == 0.0:
         raise DataError("the bottom is straight: a groove of type A2 has a round one, take A1")
-    slopes[3:] = -c1 / (2.0 * c2), c1 * c1 / (4.0 * c2 * c2)
+    slopes[3:5] = -c1 / (2.0 * c2), c1 * c1 / (4.0 * c2 * c2)
     return float(c0 - c1 * c1 / (4.0 * c2)), slopes  # height of the vertex

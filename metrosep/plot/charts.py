@@ -226,10 +226,13 @@ def _panel(
             style = {"marker": ".", "linestyle": "none"}
         elif str(item["label"]).startswith("limit"):
             style |= {"linestyle": DASHED}
+        if item.get("classes"):  # of a histogram: x is the middle of each
+            axes.fill_between(x, y * scale, step="mid", color=colour, alpha=0.25, linewidth=0.0)
+            style |= {"drawstyle": "steps-mid"}
         axes.plot(x, y * scale, color=colour, label=item["label"] or None, **style)
     axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7, linestyle=DASHED, zorder=1.5)
     axes.set_title(each["title"], loc="left", fontsize=9.5)
-    axes.set_ylabel(unit)
+    axes.set_ylabel(" / ".join(filter(None, (each.get("quantity"), unit))))
     labels = axes.get_legend_handles_labels()[1]
     if labels and len(curves) <= _MOST_LEGEND:
         _legend(axes, labels, beside=_is_beside(each))
@@ -326,6 +329,7 @@ def _maps(chart: Chart) -> Figure:
         limits=chart.get("limits"),
         outside=chart.get("outside") or (0, 0),
         signed=chart.get("signed", True),
+        quantity=chart.get("quantity", "value"),
     )
 
 

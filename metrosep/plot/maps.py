@@ -53,6 +53,7 @@ def separation_maps(
     limits: Sequence[float] | None = None,
     outside: Sequence[int] = (0, 0),
     signed: bool = True,
+    quantity: str = "value",
 ) -> Figure:
     r"""Return a figure with one map for each part, all on one colour scale.
 
@@ -78,6 +79,8 @@ def separation_maps(
         How many values lie below and above; the ends of the colour bar are pointed where there are some.
     signed : bool, optional
         Whether zero has a meaning (a residual, a difference, an error).
+    quantity : str, optional
+        What the values are, at the colour bar.
 
     Returns
     -------
@@ -133,7 +136,7 @@ def separation_maps(
         ends = {(True, True): "both", (True, False): "min", (False, True): "max"}
         pointed = ends.get((outside[0] > 0, outside[1] > 0), "neither")
         bar = figure.colorbar(image, extend=pointed, **where)
-        bar.set_label(f"value / {prefix}{unit}")
+        bar.set_label(f"{quantity} / {prefix}{unit}")
         if not null_space:
             place_grid(figure, grid.tolist(), bar=bar.ax)
         else:

@@ -28,7 +28,13 @@ from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length, parse_quantity
 from metrosep.recipe.methods.turned import lengths_only
 from metrosep.recipe.pipeline import STEPS as MEASURING, checked_step
-from metrosep.recipe.preflight import RESULT_NAME, machine_limits, output_name, report_formats
+from metrosep.recipe.preflight import (
+    RESULT_NAME,
+    machine_limits,
+    output_name,
+    report_formats,
+    report_name,
+)
 from metrosep.recipe.result import is_positioning, measured_runs, stored_estimate
 from metrosep.recipe.schema import Place
 from metrosep.separation.positions.expansion import Expansion
@@ -338,7 +344,9 @@ def write_reports(
             continue
         for name in output.get("formats", ["html"]):
             tell(f"writing the report ({name})")
-            file = output_name(output.get("path", f"report.{name}"), recipe.place("[[output]]", i))
+            file = output_name(
+                output.get("path", report_name(name)), recipe.place("[[output]]", i)
+            )
             writers[name].load()(dict(document), folder / file)
             written.append(file)
     return written

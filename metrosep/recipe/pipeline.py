@@ -552,7 +552,8 @@ def _step_height(obj: Measured, options: Mapping[str, Any]) -> Done:
                 "op",
             )
     found = step_height(
-        obj, **{k: options[k] for k in ("width", "middle", "kind", "axis") if k in options}
+        obj,
+        **{k: v for k, v in options.items() if k in keys.STEP_HEIGHT and k != "intermediate"},
     )
     audit = {
         "type": found.kind,
@@ -560,14 +561,17 @@ def _step_height(obj: Measured, options: Mapping[str, Any]) -> Done:
         "slope": found.slope,
         "n_used": found.n_used,
         "rms_m": found.rms,
+        "degree": options.get("degree", 1),
     }
+    what = f"{'groove' if found.height < 0.0 else 'ridge'} of type {found.kind}"
+    if found.kind == "regions":
+        what = "upper region over the lower one"
     text = (
-        f"{'groove' if found.height < 0.0 else 'ridge'} of type {found.kind}: {found.n_used} samples in "
-        f"its ranges, RMS {format_length(found.rms)} about the fit; u from what the fit leaves, its "
+        f"{what}: {found.n_used} samples in its ranges, RMS {format_length(found.rms)} about the fit; u from what the fit leaves, its "
         "correlation counted; scale and reference of the instrument are not in it"
     )
     values = {"d": found.to_quantity(), "h": found.to_quantity(signed=True)}
-    return Done(obj, values, (text,), audit, found)
+    return Done(obj, values, (text, *found.messages), audit, found)
 
 
 def _form_profile(obj: Measured, options: Mapping[str, Any]) -> Done:

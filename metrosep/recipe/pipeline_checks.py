@@ -276,6 +276,36 @@ def _check_psd(options: Mapping[str, Any]) -> None:
         )
 
 
+def _check_step_height(options: Mapping[str, Any]) -> None:
+    groove = [k for k in ("width", "middle") if k in options]
+    regions = [k for k in ("upper", "lower") if k in options]
+    if groove and regions:
+        raise StepError(
+            f"{groove[0]} is of a groove, and {regions[0]} a region of a map; give one of them",
+            groove[0],
+        )
+    for given, both in ((groove, ("width", "middle")), (regions, ("upper", "lower"))):
+        if len(given) == 1:
+            missing = next(k for k in both if k not in given)
+            raise StepError(f'needs the key "{missing}" beside {given[0]}', given[0])
+    if not groove and not regions:
+        raise StepError(
+            "a step height needs width and middle of a groove, or upper and lower, two regions of a map"
+        )
+    if regions:
+        for key in ("kind", "axis"):
+            if key in options:
+                raise StepError(f"{key} is of a groove, not of two regions; leave it out", key)
+    for key in regions:
+        region = options[key]
+        try:
+            check_region(region["shape"], region, is_profile=False)
+        except DataError as exc:
+            raise StepError(f"{key}: {exc}", key) from None
+        if "points" not in region and region.get("centre", "fit") == "fit":
+            raise StepError(f'{key}: a {region["shape"]} needs its centre = ["5 mm", "3 mm"]', key)
+
+
 def _check_nothing(options: Mapping[str, Any]) -> None:
     """Kinds and choices say all."""
 
@@ -293,7 +323,7 @@ def _check_form_profile(options: Mapping[str, Any]) -> None:
 
 CHECKS: Mapping[str, Check] = {
     "psd": _check_psd,
-    "step_height": _check_nothing,
+    "step_height": _check_step_height,
     "surface_profile": _check_form_profile,
     "line_profile": _check_form_profile,
     "mask": _check_mask,
@@ -564,12 +594,9 @@ PSD: Mapping[str, Option] = {
 STEP_HEIGHT: Mapping[str, Option] = {
     "width": Option(
         "size",
-        required=True,
         help="W of the groove or ridge between its edges; the data reach 3/2 W to both sides of its middle",
     ),
-    "middle": Option(
-        "length", required=True, help="where its middle is, in the coordinates of the data"
-    ),
+    "middle": Option("length", help="where its middle is, in the coordinates of the data"),
     "kind": Option(
         "text",
         choices=("A1", "A2"),
@@ -577,6 +604,18 @@ STEP_HEIGHT: Mapping[str, Option] = {
         default="A1",
     ),
     "axis": Option("text", choices=("x", "y"), help="of a map: across the groove", default="x"),
+    "degree": Option(
+        "integer",
+        choices=(1, 2),
+        help="1: straight faces; 2: a bow of the faces is fitted",
+        default=1,
+    ),
+    "upper": Option(
+        "table",
+        help="of a map, instead of width and middle: the region whose height over lower is wanted",
+        inner=APERTURE,
+    ),
+    "lower": Option("table", help="of a map: the other region", inner=APERTURE),
     "intermediate": INTERMEDIATE,
 }
 

@@ -35,6 +35,7 @@ __all__ = [
     "machine_limits",
     "output_name",
     "report_formats",
+    "report_name",
     "require_limits",
 ]
 
@@ -265,7 +266,7 @@ def _names(output: Mapping[str, Any], place: Place) -> list[str]:
                 f"no report format {name!r} in this version; there are {', '.join(sorted(known)) or 'none'}",
                 "formats",
             )
-    return [output_name(output.get("path", f"report.{name}"), place) for name in formats]
+    return [output_name(output.get("path", report_name(name)), place) for name in formats]
 
 
 def _require_carrier(output: Mapping[str, Any], place: Place) -> None:
@@ -309,6 +310,11 @@ def _parts_name(name: str, place: Place) -> str:
 def report_formats() -> dict[str, Any]:
     """Return the installed report writers by format."""
     return {entry.name: entry for entry in entry_points(group="metrosep.reports")}
+
+
+def report_name(kind: str, stem: str = "report") -> str:
+    """Return the name of a report of a format."""
+    return f"{stem}.dcc.xml" if kind == "dcc" else f"{stem}.{kind}"
 
 
 def output_name(name: str, place: Place) -> str:

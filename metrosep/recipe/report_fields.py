@@ -14,6 +14,7 @@ import json
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -523,7 +524,7 @@ def is_draft(fields: Mapping[str, Any]) -> bool:
 def problems_of(fields: Mapping[str, Any], measured: str = "") -> list[str]:
     """Return what does not agree: an instrument out of calibration, dates out of order.
 
-    `measured`: the date that the measured file states, for where the report states none.
+    `measured`: the moments that the measured files state.
     """
     last = str(fields.get("measured") or measured).split("/")[-1][:10]
     out = []
@@ -536,4 +537,16 @@ def problems_of(fields: Mapping[str, Any], measured: str = "") -> list[str]:
     issued = str(fields.get("issued") or "")
     if issued and last and issued < last:
         out.append(f"the date of issue {issued} lies before the measurement on {last}")
+    if fields.get("measured") and measured:
+        stated, found = (
+            [date.fromisoformat(d[:10]) for d in (text.split("/")[0], text.split("/")[-1])]
+            for text in (str(fields["measured"]), measured)
+        )
+        day = timedelta(days=1)  # clocks of instruments know no time zone
+        if found[0] < stated[0] - day or found[1] > stated[1] + day:
+            span = " to ".join(dict.fromkeys(str(d) for d in found))
+            out.append(
+                f"the report says measured {str(fields['measured']).replace('/', ' to ')}, the measured "
+                f"file {span}"
+            )
     return out

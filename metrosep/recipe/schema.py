@@ -23,6 +23,7 @@ __all__ = [
     "BATCH",
     "CURVES",
     "DIMENSIONS",
+    "INDEX_FORMATS",
     "LAYOUT",
     "MAPS",
     "Field",
@@ -175,6 +176,9 @@ COLUMNS = (
 )  # fmt: skip
 """Columns of the index; a group of the pattern may not take their names."""
 
+INDEX_FORMATS = ("csv", "html")
+"""Of the index of a batch that names none."""
+
 ORDERS = ("name", "time", "file_time")
 """Orders of the parts beside the groups: by name, measuring date, time of change of the file."""
 
@@ -212,7 +216,7 @@ def batch_table(data: Mapping[str, Any], place: Place) -> dict[str, Any]:
         "key": key,
         "groups": (*key, *(g for g in groups if g not in key)),
         "on_error": table.get("on_error", "continue"),
-        "index": tuple(table.get("index", ("csv",))),
+        "index": tuple(table.get("index", INDEX_FORMATS)),
         "trend": tuple(table.get("trend", ())),
         "order": order,
     }

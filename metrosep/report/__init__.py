@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         write_index_parquet as write_index_parquet,
         write_parquet as write_parquet,
     )
+    from metrosep.report.qif import render_qif as render_qif, write_qif as write_qif
     from metrosep.report.typeset import (
         render_pdf as render_pdf,
         write_pdf as write_pdf,

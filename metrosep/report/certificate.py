@@ -8,10 +8,11 @@ serve the page, the PDF, the workbook and the digital certificate.
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from decimal import ROUND_HALF_EVEN, ROUND_HALF_UP, Decimal
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 from metrosep.core.limits import COVERAGE
@@ -76,6 +77,17 @@ def texts_of(languages: Sequence[str]) -> dict[str, str]:
     chosen = [n for n in languages if n in LANGUAGES] or ["en"]
     catalogues = [_catalogue(n) for n in chosen]
     return {k: " / ".join(dict.fromkeys(c[k] for c in catalogues)) for k in catalogues[0]}
+
+
+def printed(number: str, language: str) -> str:
+    """Return a number as a language prints it: with a decimal comma in German.
+
+    Examples
+    --------
+    >>> printed("2.32", "de"), printed("2.32", "zh")
+    ('2,32', '2.32')
+    """
+    return number.replace(".", ",") if language == "de" else number
 
 
 def languages_of(document: Document) -> list[str]:
@@ -156,16 +168,16 @@ def certificate(document: Document, messages: Sequence[str] = ()) -> dict[str, A
     look = {name: declared.default for name, declared in options_of(Look).items()}
     look |= fields.get("look") or {}
     kind = str(fields.get("kind") or "test report").replace(" ", "_")
-    rows = _rows(document, t, comma="de" in languages[:1])
+    rows = _rows(document, t, languages[0])
     judged = [r for r in rows if r["stamp"] is not None]
     shown = judged or [r for r in rows if r["value"] != "–"]
     missing = missing_fields(fields)
     # the badge counts the rows that make its verdict: REJECTED (2 of 3)
     alike = sum(r["verdict"] == document.get("verdict") for r in judged)
-    agree = problems_of(fields)
-    warnings = sorted(
-        messages, key=lambda m: not any(p in m.lower() for p in map(str.lower, agree))
-    )
+    agree = problems_of(fields, measured_at(document))
+    # fields may have been typed after the run, which then knew nothing of what disagrees
+    held = [m for m in messages if not any(p.lower() in m.lower() for p in agree)]
+    warnings = [*(capital(p) for p in agree), *held]
     mark = stamp(document.get("verdict"))
     return {
         "t": t,
@@ -241,6 +253,7 @@ def _blocks(
     document: Document, fields: Document, t: Mapping[str, str]
 ) -> list[tuple[str, list[tuple[str, str]]]]:
     """Return who, what, with what, when and where: a title and rows each."""
+    comma = partial(printed, language=languages_of(document)[0])
     blocks = []
     for block, keys in _IN_BLOCK.items():
         held = fields.get(block) or {}
@@ -258,11 +271,11 @@ def _blocks(
     place = [t[f"in_{fields['location'].replace(' ', '_')}"]] if fields.get("location") else []
     place += [str(fields["place"])] if fields.get("place") else []
     rows += [(t["location"], ", ".join(place))] if place else []
-    rows.append((t["temperature"], _temperature(fields) or t["not_stated"]))
+    rows.append((t["temperature"], comma(_temperature(fields)) or t["not_stated"]))
     if fields.get("humidity") is not None:
-        rows.append((t["humidity"], f"{100.0 * fields['humidity']:.3g} %"))
+        rows.append((t["humidity"], comma(f"{100.0 * fields['humidity']:.3g} %")))
     if fields.get("pressure") is not None:
-        rows.append((t["pressure"], f"{fields['pressure'] / 100.0:.5g} hPa"))
+        rows.append((t["pressure"], comma(f"{fields['pressure'] / 100.0:.5g} hPa")))
     rows.append((t["method"], method_of(document)))
     rows += [(t["procedure"], str(fields["procedure"]))] if fields.get("procedure") else []
     names = [one_line(i.get("name") or "") for i in document.get("inputs") or []]
@@ -307,6 +320,12 @@ def method_of(document: Document) -> str:
     return one_line(name + (f" ({', '.join(kept)})" if kept else ""))
 
 
+def standards_of(document: Document) -> list[str]:
+    """Return the standards that the method names, with their editions."""
+    norm = r"(?:ISO|ASME|DIN|EN|IEC)[ /][\w.:-]*\d(?:-\d+)?(?::\d{4})?"
+    return list(dict.fromkeys(re.findall(norm, method_of(document))))
+
+
 def traces(document: Document, fields: Document, t: Mapping[str, str]) -> list[str]:
     """Return the deviations: as stated, steps that were switched off, checks that were waived."""
     found = [str(fields["deviations"])] if fields.get("deviations") else []
@@ -340,16 +359,27 @@ def expanded_of(entry: Document, row: CharacteristicRow) -> tuple[float | None, 
     return k * row.u, k
 
 
-def _rows(document: Document, t: Mapping[str, str], *, comma: bool) -> list[dict[str, Any]]:
+def coverage_of(
+    entry: Document, row: CharacteristicRow
+) -> tuple[float | None, float | None, float | None]:
+    """Return U, k and the coverage probability of a value; None if not known."""
+    U, k = expanded_of(entry, row)
+    if U is None or k is None:
+        return U, k, None
+    own = row.U is None or entry.get("u_source") in ("fit residual", "of the method")
+    return U, k, COVERAGE if own else math.erf(k / math.sqrt(2.0))
+
+
+def _rows(document: Document, t: Mapping[str, str], language: str) -> list[dict[str, Any]]:
     entries = document.get("characteristics") or []
     order = {"reject": 0, "inconclusive": 1, "accept": 2, None: 3}
     pairs = list(zip(entries, characteristic_rows(document), strict=True))
     pairs.sort(key=lambda p: (order[p[1].verdict], p[1].name if p[1].verdict else ""))
-    return [_row(e, r, t, bar_of(r), comma=comma) for e, r in pairs]
+    return [_row(e, r, t, bar_of(r), language) for e, r in pairs]
 
 
 def _row(
-    entry: Document, row: CharacteristicRow, t: Mapping[str, str], bar: Any, *, comma: bool
+    entry: Document, row: CharacteristicRow, t: Mapping[str, str], bar: Any, language: str
 ) -> dict[str, Any]:
     U, k = expanded_of(entry, row)
     value, spread, unit = rounded_pair(row.value, U, row.unit, limits=(row.lower, row.upper))
@@ -362,8 +392,7 @@ def _row(
         "limits": limits_text(row.lower, row.upper, factor),
         "probability": "–" if p is None else _percent(p),
     }
-    if comma:
-        texts = {key: text.replace(".", ",") for key, text in texts.items()}
+    texts = {key: printed(text, language) for key, text in texts.items()}
     name = row.name if row.verdict is not None else (entry.get("symbol") or row.name)
     name = name.replace("_", " ") if name == row.metric else name
     return {
@@ -426,6 +455,7 @@ def _conditional(row: CharacteristicRow, t: Mapping[str, str]) -> str:
 def origins_of(document: Document, t: Mapping[str, str]) -> list[str]:
     """Return one sentence for each origin of U: which values, where from, k and p."""
     found: dict[str, list[str]] = {}
+    comma = partial(printed, language=languages_of(document)[0])
     entries = document.get("characteristics") or []
     for entry, row in zip(entries, characteristic_rows(document), strict=True):
         U, k = expanded_of(entry, row)
@@ -439,9 +469,9 @@ def origins_of(document: Document, t: Mapping[str, str]) -> list[str]:
         )
         words = t[word].format(what=what.strip())
         if k is not None:
-            words += f", k = {k:.2f}"
+            words += f", k = {comma(f'{k:.2f}')}"
             if word in ("u_fit", "u_method"):
-                words += f", {t['coverage'].format(p=f'{100 * COVERAGE:.2f} %')}"
+                words += f", {t['coverage'].format(p=comma(f'{100 * COVERAGE:.2f} %'))}"
         found.setdefault(words, []).append(row.name)
     return [f"{', '.join(dict.fromkeys(names))}: {words}" for words, names in found.items()]
 

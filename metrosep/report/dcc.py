@@ -9,13 +9,11 @@ certificate checked against them.
 from __future__ import annotations
 
 import base64
-import math
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree as ET
 
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, RecipeError
@@ -23,13 +21,14 @@ from metrosep.core.limits import COVERAGE
 from metrosep.recipe.report_fields import missing_fields
 from metrosep.report.certificate import (
     certificate,
-    expanded_of,
+    coverage_of,
     fields_of,
     is_inside,
     languages_of,
     method_of,
+    standards_of,
 )
-from metrosep.report.schemas import require_valid
+from metrosep.report.schemas import element, require_valid, xml_bytes
 from metrosep.report.text import CharacteristicRow, characteristic_rows, one_line
 
 __all__ = ["dsi_unit", "missing_for_dcc", "render_dcc", "write_dcc"]
@@ -171,11 +170,7 @@ def render_dcc(document: Document, *, pdf: bytes | None = None) -> bytes:
             _dcc("dataBase64", base64.b64encode(pdf).decode("ascii")),
         )
     )
-    ET.register_namespace("dcc", _DCC)
-    ET.register_namespace("si", _SI)
-    ET.indent(root, " ")
-    made: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
-    return made + b"\n"
+    return xml_bytes(root, {"dcc": _DCC, "si": _SI})
 
 
 def write_dcc(
@@ -219,25 +214,12 @@ def write_dcc(
 # ---- elements: the schema fixes the order of children --------------------------------------------
 
 
-def _element(space: str, name: str, *inside: Any) -> Any:
-    """Return an element; a mapping holds attributes, a text the text, None is left out."""
-    made = ET.Element(f"{{{space}}}{name}")
-    for item in inside:
-        if isinstance(item, str):
-            made.text = item
-        elif isinstance(item, Mapping):
-            made.attrib.update(item)
-        elif item is not None:
-            made.append(item)
-    return made
-
-
 def _dcc(name: str, *inside: Any) -> Any:
-    return _element(_DCC, name, *inside)
+    return element(_DCC, name, *inside)
 
 
 def _si(name: str, *inside: Any) -> Any:
-    return _element(_SI, name, *inside)
+    return element(_SI, name, *inside)
 
 
 def _replaced(fields: Mapping[str, Any]) -> str:
@@ -411,7 +393,6 @@ def _measurement(
     units: Mapping[str, str],
 ) -> Any:
     method = method_of(document)
-    norms = re.findall(r"(?:ISO|ASME|DIN|EN|IEC)[ /][\w.:-]*\d(?:-\d+)?(?::\d{4})?", method)
     reference = fields.get("procedure")
     results = _dcc("results")
     entries = document.get("characteristics") or []
@@ -434,7 +415,7 @@ def _measurement(
             _dcc(
                 "usedMethod",
                 _text("name", method or c["kind"], "en"),
-                *(_dcc("norm", _words(n)) for n in dict.fromkeys(norms)),
+                *(_dcc("norm", _words(n)) for n in standards_of(document)),
                 _if(reference, "reference"),
             ),
         ),
@@ -502,10 +483,16 @@ def _number(value: float) -> str:
 
 
 def _real(
-    value: float, unit: str, U: float | None, k: float | None, p: float, *, u: float | None = None
+    value: float,
+    unit: str,
+    U: float | None,
+    k: float | None,
+    p: float | None,
+    *,
+    u: float | None = None,
 ) -> Any:
     spread = None
-    if U is not None and k is not None and k >= 1.0:
+    if U is not None and k is not None and p is not None and k >= 1.0:
         spread = _si(
             "expandedMU",
             _si("valueExpandedMU", _number(U)),
@@ -527,9 +514,7 @@ def _quantity(entry: Document, row: CharacteristicRow, t: Mapping[str, str], uni
     if row.value is None:
         reason = entry.get("reason") or "the value could not be determined"
         return _dcc("quantity", _text("noQuantity", reason, "en"), _verdict(row, t, unit))
-    U, k = expanded_of(entry, row)
-    own = row.U is None or entry.get("u_source") in ("fit residual", "of the method")
-    p = COVERAGE if own or k is None else math.erf(k / math.sqrt(2.0))
+    U, k, p = coverage_of(entry, row)
     return _dcc("quantity", _real(row.value, unit, U, k, p, u=row.u), _verdict(row, t, unit))
 
 
@@ -545,7 +530,7 @@ def _verdict(row: CharacteristicRow, t: Mapping[str, str], unit: str) -> Any:
     if row.value is None:
         word = "noPass"
     limits = [
-        _dcc("quantity", _text("name", name, "en"), _real(limit, unit, None, None, 0.0))
+        _dcc("quantity", _text("name", name, "en"), _real(limit, unit, None, None, None))
         for name, limit in (("lower limit", row.lower), ("upper limit", row.upper))
         if limit is not None
     ]

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from markupsafe import Markup
 
 from metrosep.report.text import document_writer, one_line, span
-from metrosep.report.view import view
+from metrosep.report.view import typeset, view
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -189,7 +189,7 @@ def captions_of(document: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
     found = {name: (title, captions[name]) for name, title in _TITLES.items()}
     for i, chart in enumerate(charts_of(document), start=1):
         title = str(chart.get("title") or "Chart")
-        found[f"chart_{i}"] = (title, str(chart.get("caption") or ""))
+        found[f"chart_{i}"] = (title, typeset(str(chart.get("caption") or "")))
     return found
 
 

@@ -1,18 +1,45 @@
-"""Checking XML against published schemas that a laboratory keeps in a folder of its own; nothing is fetched."""
+"""Making XML, and checking it against published schemas that a laboratory keeps in a folder of its own.
+
+Nothing is fetched.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 from metrosep.core.errors import UnsupportedFeatureError, WriteError
 
-__all__ = ["require_valid"]
+__all__ = ["element", "require_valid", "xml_bytes"]
 
 _ROOTS = {"dcc": "dcc*.xsd", "qif": "QIFDocument.xsd"}
 _MOST = 4
 """Faults that a message names."""
+
+
+def element(space: str, name: str, *inside: Any) -> Any:
+    """Return an element; a mapping holds attributes, a text the text, None is left out."""
+    made = ET.Element(f"{{{space}}}{name}")
+    for item in inside:
+        if isinstance(item, str):
+            made.text = item
+        elif isinstance(item, Mapping):
+            made.attrib.update(item)
+        elif item is not None:
+            made.append(item)
+    return made
+
+
+def xml_bytes(root: Any, prefixes: Mapping[str, str]) -> bytes:
+    """Return a document in UTF-8 with a line for each element; prefixes are those of its namespaces."""
+    for prefix, space in prefixes.items():
+        ET.register_namespace(prefix, space)
+    ET.indent(root, " ")
+    made: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
+    return made + b"\n"
 
 
 def require_valid(made: bytes, folder: Path, kind: str) -> None:

@@ -15,7 +15,7 @@ from metrosep.plot.left_out import lag_words, run_rows
 from metrosep.recipe.result import clean
 from metrosep.recipe.schema import Field, shown
 from metrosep.recipe.step_help import keys_of_step, step_words
-from metrosep.report.certificate import bar_of, certificate
+from metrosep.report.certificate import bar_of, certificate, printed
 from metrosep.report.text import (
     SEPARATED_NOTE,
     CharacteristicRow,
@@ -65,7 +65,7 @@ def view(document: Document) -> dict[str, Any]:
         "summary": _summary(document, estimate)
         + separation_rows(separation)
         + plan_rows(document.get("plan") or {}),
-        "characteristics": _characteristics(document),
+        "characteristics": _characteristics(document, first),
         "header": header_rows(document),
         "hashes": short_hashes(document),
         "uncertainty_note": SEPARATED_NOTE if separation else _NOT_IN_BAND,
@@ -123,13 +123,19 @@ def _runs(feeds: Sequence[Document]) -> str:
     return "; ".join(parts)
 
 
-def _characteristics(document: Document) -> list[dict[str, Any]]:
+def _characteristics(document: Document, first: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return all values as text, numbers and verdicts in the language of the report."""
     rows = characteristic_rows(document)
     entries = clean(document.get("characteristics") or [])
-    return [
-        {**_characteristic(entry), "bar": bar_of(row), "guard": _guard(row)}
-        for entry, row in zip(entries, rows, strict=True)
-    ]
+    made = []
+    for entry, row in zip(entries, rows, strict=True):
+        texts = {**_characteristic(entry), "guard": _guard(row)}
+        for key in ("value", "u", "U", "limits", "guard"):
+            texts[key] = printed(texts[key], first["language"])
+        if texts["stamp"] is not None:
+            texts["stamp"] = texts["stamp"]._replace(word=first["t"][entry["verdict"]].upper())
+        made.append({**texts, "bar": bar_of(row)})
+    return made
 
 
 def _guard(row: CharacteristicRow) -> str:

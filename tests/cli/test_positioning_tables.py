@@ -651,3 +651,23 @@ def test_equal_steps_are_told_for_they_hide_the_pitch(tmp_path, metrosep):
     code, _, told = metrosep("table", uneven, *NAMES, *SENSE, "-o", tmp_path / "y.comp")
     assert code == 0, told
     assert "equal steps" not in told
+
+
+def test_the_command_that_is_named_next_judges_a_second_list(tmp_path, monkeypatch, capsys):
+    import shlex
+
+    from metrosep.cli.main import main
+
+    monkeypatch.chdir(tmp_path)
+    file = laser_file(tmp_path / "list.csv", trims(None), seed=1)
+    words = [*NAMES, "--deviation", "reached-minus-target", "--axis", "X", "--compensates", "X"]
+    with pytest.raises(SystemExit) as ended:
+        main(["table", str(file), *words, "-o", "x.comp"])
+    assert ended.value.code == 0
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert last.startswith("next: metrosep verify x.comp --against NEW.csv")
+    laser_file(tmp_path / "NEW.csv", trims(None), seed=2)
+    with pytest.raises(SystemExit) as ended:
+        main(shlex.split(last.removeprefix("next: metrosep ")))
+    assert ended.value.code == 0
+    assert "dry-run reverse" in capsys.readouterr().err

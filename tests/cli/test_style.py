@@ -1,8 +1,10 @@
 """What a person reads at the command line: the word list of the style page holds on every help line and message."""
 
 import ast
+import contextlib
 import json
 import re
+import shlex
 from functools import cache
 from pathlib import Path
 
@@ -188,3 +190,47 @@ def test_a_long_command_says_what_it_is_at(monkeypatch, capsys):
     assert "metrosep: step 3: form, 0 s" in capsys.readouterr().err
     assert module._Heartbeat(["-q", "run"], {})._quiet
     assert module._Heartbeat(["--help"], {})._quiet
+
+
+@pytest.mark.parametrize(
+    ("words", "phase"),
+    [
+        ("measure {map} --form sphere --params Sq", "measuring"),
+        ('psd {map} --limit "rms = 5 nm from 0.3 mm to 3 mm" -o {out}/psd', "writing the report"),
+        ("report {result} -o {out} --format csv", "1 of 1 reports"),
+    ],
+)
+def test_verbs_beside_the_recipe_name_their_phase(words, phase, repository, tmp_path, monkeypatch):
+    from metrosep.cli import main as module
+
+    held: list[dict] = []
+    monkeypatch.setattr(
+        module, "_Heartbeat", lambda _words, told: held.append(told) or contextlib.nullcontext()
+    )
+    part = repository / "examples/measured_part/measured.sdf"
+    if "{result}" in words:
+        assert run("-q", "measure", str(part), "--params", "Sq", "-o", str(tmp_path / "r")) == 0
+    run("-q", *shlex.split(words.format(map=part, out=tmp_path, result=tmp_path / "r")))
+    assert phase in held[-1]["phase"]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("rank fts_lathe", "Missing options '--form' and '--radius'."),
+        (
+            "machine-tables fts_lathe -o out",
+            "argument 'ERRORS...' and options '--over' and '--spacing'.",
+        ),
+        ("batch parts -o out", "metrosep batch RECIPE DIR -o OUT"),
+        ("rank fts_lathe --form 'sphere: R=1 m' --radius '9 mm'", '--error "EXX=1 um"'),
+        ("rank fts_lathe --form 'sphere: R=1 m' --radius '9 mm'", "--all-lengths"),
+        (
+            "rank fts_lathe --form sphere --radius '9 mm' --error 'EXX=1 um'",
+            '--form "sphere" has no',
+        ),
+    ],
+)
+def test_all_that_is_missing_is_said_at_once_in_words_of_the_command(words, says, capsys):
+    assert run(*shlex.split(words)) in (2, 4)
+    assert says in capsys.readouterr().err

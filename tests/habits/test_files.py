@@ -56,6 +56,17 @@ def test_pins_are_names_and_versions_only(repository):
     assert not wrong
 
 
+def test_citation_readme_and_release_notes_name_this_version(repository):
+    from metrosep import __version__
+
+    short = __version__.rpartition(".")[0]
+    citation = (repository / "CITATION.cff").read_text(encoding="utf-8")
+    readme = (repository / "README.md").read_text(encoding="utf-8")
+    assert re.findall(r"^version: (.*)$", citation, re.MULTILINE) == [__version__]
+    assert f"Version {short}," in readme
+    assert (repository / f"docs/release-notes-{short}.md").is_file()
+
+
 def trees_with(folder, *words):
     """Yield path and tree of the files that hold one of the words: to parse all takes long."""
     for path in sorted(folder.rglob("*.py")):

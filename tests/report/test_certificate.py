@@ -235,6 +235,20 @@ def test_an_instrument_out_of_calibration_is_a_warning_on_the_first_page(part):
     assert "was due on 2026-03-03, before the measurement on 2026-03-04" in first
 
 
+@pytest.mark.parametrize(
+    ("moment", "agrees"), [("2026-03-04T23:30:00", True), ("2026-03-05T01:00:00", True),
+                           ("2026-03-06T08:00:00", False), ("2026-02-27T08:00:00", False)],
+)  # fmt: skip
+def test_a_stated_date_that_the_file_contradicts_is_a_warning_on_the_first_page(
+    part, moment, agrees
+):
+    document = run(part, REPORT)
+    document["inputs"][0]["measured_at"] = moment
+    first = words(render_html(document)).partition("Annex")[0]
+    told = f"measured 2026-03-02 to 2026-03-04, the measured file {moment[:10]}"
+    assert (told not in first) == agrees
+
+
 # ---- numbers on paper ---------------------------------------------------------------------------
 
 

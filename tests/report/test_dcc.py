@@ -1,59 +1,25 @@
 """The digital certificate against the published schema, and what a reader without our code finds in it."""
 
-import os
 import re
-from pathlib import Path
 
-import numpy as np
 import pytest
 from defusedxml import ElementTree
 
-import metrosep as ms
 from metrosep.cli.main import main
 from metrosep.core.errors import DataError, RecipeError, WriteError
-from metrosep.recipe import Recipe
 from metrosep.report.dcc import dsi_unit, missing_for_dcc, render_dcc, write_dcc
 from metrosep.report.schemas import require_valid
 
-from .test_certificate import REPORT, STEPS
+from .test_certificate import REPORT
 
-SCHEMAS = Path(
-    os.environ.get("METROSEP_SCHEMAS") or Path(__file__).resolve().parents[3] / "shared/schemas"
-)
 NAMES = {"d": "https://ptb.de/dcc", "s": "https://ptb.de/si"}
 PDF = b"%PDF-1.7 stands for the page"
 
 
-def schemas():
-    """Return the folder of the published schemas; skip where it, or what reads it, is absent."""
-    pytest.importorskip("lxml")
-    if not any(SCHEMAS.rglob("dcc*.xsd")) if SCHEMAS.is_dir() else True:
-        pytest.skip("no published schemas: set METROSEP_SCHEMAS")
-    return SCHEMAS
-
-
-@pytest.fixture(scope="module")
-def document(tmp_path_factory):
-    """A measured ring with every field of a report, one value accepted, one rejected, one undecided."""
-    folder = tmp_path_factory.mktemp("dcc")
-    x = np.arange(48) * 100e-6
-    z = 60e-9 * np.sin(np.add.outer(x, x) / 1e-3)
-    ms.write(ms.Surface(z, 100e-6, 100e-6), folder / "part.x3p")
-    more = """
-[[check]]
-metric = "Sz"
-name = "height"
-upper = "10 nm"
-U = "1 nm"
-[[check]]
-metric = "Ssk"
-name = "skewness"
-lower = -0.5
-upper = 0.1
-U = 0.2
-"""
-    text = STEPS.replace('"Sz"]', '"Sz", "Ssk"]') + more + REPORT
-    return Recipe.parse(text, folder=folder).run(folder / "part.x3p").document
+@pytest.fixture
+def document(certified):
+    """A measured ring with every field of a report."""
+    return certified
 
 
 def quantities(xml):
@@ -73,11 +39,11 @@ def quantities(xml):
     return found
 
 
-def test_a_certificate_fits_the_published_schema(document):
-    require_valid(render_dcc(document, pdf=PDF), schemas(), "dcc")
+def test_a_certificate_fits_the_published_schema(document, schemas):
+    require_valid(render_dcc(document, pdf=PDF), schemas, "dcc")
 
 
-def test_a_separation_with_curves_fits_the_schema(make_document):
+def test_a_separation_with_curves_fits_the_schema(make_document, schemas):
     made = make_document("joint", (1, -1))
     import tomllib
 
@@ -85,7 +51,7 @@ def test_a_separation_with_curves_fits_the_schema(make_document):
 
     made["report"] = checked_report(tomllib.loads(REPORT)["report"])
     xml = render_dcc(made, pdf=PDF)
-    require_valid(xml, schemas(), "dcc")
+    require_valid(xml, schemas, "dcc")
     lists = ElementTree.fromstring(xml).findall(".//s:realListXMLList", NAMES)
     x = [float(v) for v in lists[0].findtext("s:valueXMLList", None, NAMES).split()]
     e = [float(v) for v in lists[1].findtext("s:valueXMLList", None, NAMES).split()]
@@ -124,12 +90,11 @@ def test_a_country_that_is_no_code_is_named(document):
         render_dcc({**document, "report": held}, pdf=PDF)
 
 
-def test_what_does_not_fit_the_schema_is_not_written(document, tmp_path, monkeypatch):
+def test_what_does_not_fit_the_schema_is_not_written(document, tmp_path, monkeypatch, schemas):
     pytest.importorskip("typst")
-    folder = schemas()
     monkeypatch.setattr("metrosep.report.dcc.VERSION", "9.9.9")
     with pytest.raises(WriteError, match="schemaVersion"):
-        write_dcc(document, tmp_path / "x.dcc.xml", schemas=folder)
+        write_dcc(document, tmp_path / "x.dcc.xml", schemas=schemas)
     assert not (tmp_path / "x.dcc.xml").exists()
 
 
@@ -154,7 +119,7 @@ def test_a_unit_without_a_name_is_refused(unit):
         dsi_unit(unit)
 
 
-def test_at_the_door_the_certificate_is_checked_and_repeats(document, tmp_path):
+def test_at_the_door_the_certificate_is_checked_and_repeats(document, tmp_path, schemas):
     pytest.importorskip("typst")
     from metrosep.recipe.result import Result
 
@@ -163,7 +128,7 @@ def test_at_the_door_the_certificate_is_checked_and_repeats(document, tmp_path):
     for name in ("a", "b"):
         with pytest.raises(SystemExit) as ended:
             main(["-q", "report", str(tmp_path), "-o", str(tmp_path / name), "--format", "dcc",
-                  "--dcc-schema", str(schemas())])  # fmt: skip
+                  "--dcc-schema", str(schemas)])  # fmt: skip
         assert ended.value.code == 0
         made.append((tmp_path / name / "report.dcc.xml").read_bytes())
     assert made[0] == made[1]

@@ -66,7 +66,7 @@ def test_the_words_are_all_there(render, document, tmp_path):
 
     flat = re.sub(r"\s+", " ", words.replace("\u200b", ""))
     for text in (
-        document["title"], "✓ ACCEPT", "Decision rule: Accepted if the value", "Characteristics",
+        document["title"], "✓ ACCEPT", "Decision rule: Accepted if the value", "All results",
         "Figure 1. Error over position.", "Figure 5. Compensation table.", "Compensation table",
         "To activate it", "Strongest selected wavelengths", "Measured by", "guard band",
         "SHA-256 " + document["recipe"]["sha256"],

@@ -188,9 +188,12 @@ def curve(
     }
 
 
-def panel(title: str, unit: str, curves: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return one panel of a chart."""
-    return {"title": title, "unit": unit, "curves": list(curves)}
+def panel(
+    title: str, unit: str, curves: Sequence[Mapping[str, Any]], *, quantity: str = ""
+) -> dict[str, Any]:
+    """Return one panel of a chart; the quantity stands at its axis before the unit."""
+    named = {"quantity": quantity} if quantity else {}
+    return {"title": title, "unit": unit, "curves": list(curves), **named}
 
 
 def curve_chart(
@@ -251,6 +254,7 @@ def map_chart(
     pv: Mapping[str, float] | None = None,
     measured: bool = False,
     magnitude: bool = False,
+    quantity: str = "value",
     side: int | None = None,
 ) -> dict[str, Any]:
     """Return a chart of maps on one colour scale; `measured`: zero has no meaning, so the mean is subtracted.
@@ -285,6 +289,7 @@ def map_chart(
         "origin_m": _first(origin, dx, dy, step),
         "step": step,
         "unit": unit,
+        "quantity": quantity,
         "pv": {**_whole_pv(maps), **{k: plain(v) for k, v in (pv or {}).items()}},
         "limits": [plain(low), plain(high)] if every.size else None,
         "outside": [below, above],

@@ -112,6 +112,7 @@ def _map(title: str, obj: Measured, *, measured: bool, side: int = _SIDE_BEFORE)
         origin=obj.origin,
         pv={"": obj.peak_to_valley()},
         measured=measured,
+        quantity="height",
         side=side,
     )
 
@@ -130,11 +131,13 @@ def _sections(surface: Surface) -> list[dict[str, Any]]:
             f"along x at y = {format_length(float(y[row]))}",
             "m",
             [curve("", x, surface.z[row])],
+            quantity="height",
         ),
         panel(
             f"along y at x = {format_length(float(x[column]))}",
             "m",
             [curve("", y, surface.z[:, column])],
+            quantity="height",
         ),
     ]
     where = "the middle of what is left"
@@ -146,7 +149,11 @@ def _sections(surface: Surface) -> list[dict[str, Any]]:
             (f"along y at x = {format_length(float(x[j]))}", j, curve("", y, surface.z[:, j])),
         ):
             if at not in (row, column):
-                panels.append(panel(f"{name}, through the farthest pixel", "m", [curve_of]))
+                panels.append(
+                    panel(
+                        f"{name}, through the farthest pixel", "m", [curve_of], quantity="height"
+                    )
+                )
         where = "the middle and through the pixel farthest from the mean"
     words = f"Through {where}. {_GAPS}"
     return [curve_chart("Sections", ("position", "m"), panels, caption=words)]
@@ -157,7 +164,7 @@ def _drawn(section: MapSection) -> dict[str, Any]:
     profile = section.profile
     assert profile is not None  # noqa: S101
     along = "arc from +x to +y" if section.kind == "circle" else "distance from a"
-    lines = [panel("", "m", [curve("", profile.x, profile.z)])]
+    lines = [panel("", "m", [curve("", profile.x, profile.z)], quantity="height")]
     title = f"Section {section.name}"
     return curve_chart(title, (along, "m"), lines, caption=_GAPS)
 
@@ -185,10 +192,14 @@ def _profiles(measured: Measurement, title: str, before: Measured) -> dict[str, 
     last = measured.obj
     assert isinstance(before, Profile)  # noqa: S101
     assert isinstance(last, Profile)  # noqa: S101
-    panels = [panel(title.lower(), "m", [curve("", before.x, before.z)])]
+    panels = [panel(title.lower(), "m", [curve("", before.x, before.z)], quantity="height")]
     changed = [s.op for s in measured.stages if s.enabled and s.op not in EVALUATING]
     if changed:
-        panels.append(panel(f"after {', '.join(changed)}", "m", [curve("", last.x, last.z)]))
+        panels.append(
+            panel(
+                f"after {', '.join(changed)}", "m", [curve("", last.x, last.z)], quantity="height"
+            )
+        )
     return curve_chart("Profile", ("position", "m"), panels, caption=_GAPS)
 
 
@@ -245,12 +256,12 @@ def _histogram(obj: Measured) -> list[dict[str, Any]]:
     ordered = np.sort(heights)
     share = 1.0 - np.searchsorted(ordered, edges, side="left") / ordered.size
     curves = [
-        curve("share of heights", middles / factor, counts / known.size),
+        {**curve("share of heights", middles / factor, counts / known.size), "classes": True},
         curve("normal distribution of the same spread", middles / factor, normal),
     ]
     panels = [
-        panel("", "1", curves),
-        panel("material ratio", "1", [curve("", edges / factor, share)]),
+        panel("", "1", curves, quantity="share"),
+        panel("material ratio", "1", [curve("", edges / factor, share)], quantity="share above"),
     ]
     name = (f"height / {unit}", "1")
     return [curve_chart("Distribution of heights", name, panels, caption=words)]
