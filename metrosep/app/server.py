@@ -383,7 +383,7 @@ CHANGING = ("open", "edit", "undo", "redo")
 """Requests after which every page shows another recipe."""
 
 _OWN = ("hello", "view", *CHANGING)
-_PICTURES = ("map", "relief", "section", "profile", "spectrum", "density")
+_PICTURES = ("map", "relief", "section", "sections", "profile", "spectrum", "density")
 _ELSEWHERE = {
     "metrics": "metrics_answers:metrics",
     "export": "export_answers:export",
@@ -545,6 +545,28 @@ class PictureAnswers:
             obj, message["a"], message["b"], columns=message.get("columns") or 1000
         )
         return section_frame(view, is_preview=outcome.is_preview)
+
+    def sections(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``sections``: heights along what the recipe draws on the map."""
+        from metrosep.recipe.map_sections import heights_along
+
+        outcome, obj = self._surface(message, cancel, "sections")
+        _, document = self.session.need()
+        curves, arrays = [], {}
+        columns = message.get("columns") or 1000
+        for i, section in enumerate(document.recipe.sections):
+            try:
+                line = heights_along(obj, section)
+            except DataError:
+                continue  # the numbers of this section say why
+            if line is None:
+                continue
+            curves.append(
+                {"index": i, "name": section["name"], "kind": section["kind"],
+                 "length": float(line.x[-1]), "share_valid": 1.0 - line.n_invalid / len(line)}
+            )  # fmt: skip
+            arrays |= profile_arrays(profile_view(Extremes(line), columns=columns), f"{i}_")
+        return {"curves": curves, "is_preview": outcome.is_preview}, arrays
 
     def profile(self, message: Message, cancel: Cancel) -> Answer:
         """Answer a request ``profile``."""

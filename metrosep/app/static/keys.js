@@ -10,6 +10,7 @@ export const KEYS = [
   ["F", "show all of the map or profile"],
   ["C X P L B", "draw a circle or ring, rectangle, polygon, free-hand shape, brush"],
   ["A G D", "draw a section, a round section, a distance or angle"],
+  ["T M", "a step height or groove, a peak and valley"],
   ["N", "keep or exclude what is drawn"],
   ["Del", "delete the chosen shape, or the corner that has the focus"],
   ["Ctrl+C Ctrl+V", "copy the chosen shape"],

@@ -7,6 +7,7 @@ import { download } from "./dialogs.js";
 import { si } from "./format.js";
 import mapWidget from "./map.js";
 import { makeRelief } from "./relief.js";
+import { gapped } from "./plots.js";
 import profileWidget from "./profile.js";
 import { bandOf, bandView, sectionOf, sectionView } from "./remember.js";
 import sectionWidget from "./section.js";
@@ -51,7 +52,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       shown(sectionView([map.get("a"), map.get("b")], map.get("unit") ?? "m"));
     }
   });
-  const section = makeModel({ cursors: [0.25, 0.75] });
+  const section = makeModel({ cursors: [0.25, 0.75], others: [] });
   const spectrum = makeModel({ band: null }, (changes) => {
     if ("band" in changes) {
       askSpectrum();
@@ -163,6 +164,22 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     }
   }
 
+  /** The curves of the sections in the recipe. */
+  async function askSections(/** @type {Level} */ at = level()) {
+    if (kind() !== "map") return;
+    const mine = epoch;
+    try {
+      const { header, arrays } = await wire.ask("sections", { stage: stage(), level: at, columns: Math.max(100, el("section").clientWidth - 70) });
+      if (mine !== epoch) return;
+      section.put({
+        others: header.curves.map((/** @type {Dict} */ one) => ({ ...one,
+          curve: [Array.from(arrays[`${one.index}_x`]), gapped(arrays[`${one.index}_low`]), gapped(arrays[`${one.index}_high`])] })),
+      });
+    } catch (error) {
+      refused(error, () => section.put({ others: [] }));
+    }
+  }
+
   /** Density and limit of the step that is shown; it stands where the amplitudes stand. */
   async function askDensity(/** @type {Level} */ at) {
     const mine = epoch;
@@ -248,7 +265,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     /** @param {Level} [at] */
     async show(at) {
       await Promise.all([askMap(at), askProfile(at), askRelief(at)]);
-      await Promise.all([askSection(at), askSpectrum(at)]);
+      await Promise.all([askSection(at), askSections(at), askSpectrum(at)]);
     },
     /** Another file: begin anew, with what its recipe holds of the view. @param {Dict} view */
     reset(view = {}) {
@@ -259,7 +276,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       placed = false;
       epoch += 1;
       map.put({ index: null, shape: null, extent: null, limits: null, auto_range: null, a: null, b: null, view: map.get("view") });
-      section.put({ distance: null, length: null, message: "" });
+      section.put({ distance: null, length: null, message: "", others: [] });
       spectrum.put({ wavelength: null, band: null, message: "" });
       density.put({ wavelength: null, words: "", message: "" });
       profile.put({ series: {}, window: null, message: "" });
