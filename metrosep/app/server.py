@@ -396,6 +396,8 @@ _ELSEWHERE = {
     "report": "export_answers:report",
     "compare": "compare_answers:compare",
     "run_folder": "export_answers:run_folder",
+    "list": "browsing:listing",
+    "thumbnail": "browsing:thumbnail",
 }
 """Functions ``f(session, message, cancel, tell)`` in modules of their own, loaded when asked."""
 
@@ -447,6 +449,7 @@ class Answers:
             raise DataError(f"path is a text, or paths a list of them; got {paths!r}")
         self.session.open(paths, reading, keep_recipe=message.get("keep_recipe") is True)
         self.pictures.forget()
+        import_module("metrosep.app.browsing").remember(self.session)
         return {"session": self.session.state()}, {}
 
     def _edit(self, message: Message) -> Answer:

@@ -2,6 +2,7 @@
 // The workbench: one session of the server, shown. What the user does becomes an edit of the recipe;
 // what is shown comes from the library.
 
+import { makeBrowser } from "./browser.js";
 import { COLOUR_NAMES } from "./colours.js";
 import { alertText, askFile, clearAlerts, showHelp, showText } from "./dialogs.js";
 import { makeDrawing } from "./drawing.js";
@@ -275,7 +276,8 @@ async function receive(/** @type {File[]} */ files, keep = false) {
 }
 
 async function choose() {
-  const given = await askFile(session.home ?? "", Boolean(session.kind) && session.kind !== "method");
+  const browse = (/** @type {(paths: string[], open: boolean) => void} */ chosen) => makeBrowser(wire, chosen);
+  const given = await askFile(session.home ?? "", Boolean(session.kind) && session.kind !== "method", browse);
   if (given?.files?.length) receive(given.files, given.keep);
   else if (given?.paths?.length) open(given.paths, given.keep);
 }
