@@ -383,7 +383,17 @@ CHANGING = ("open", "edit", "undo", "redo")
 """Requests after which every page shows another recipe."""
 
 _OWN = ("hello", "view", *CHANGING)
-_PICTURES = ("map", "relief", "section", "sections", "profile", "spectrum", "density")
+_PICTURES = (
+    "map",
+    "relief",
+    "section",
+    "sections",
+    "profile",
+    "spectrum",
+    "density",
+    "heights",
+    "waves2d",
+)
 _ELSEWHERE = {
     "metrics": "metrics_answers:metrics",
     "export": "export_answers:export",
@@ -487,6 +497,8 @@ class PictureAnswers:
         self._extremes = Remembered(Extremes)
         self._moved = Remembered(_moved, most=17)
         self._transform: Any = None
+        self._distributions = Remembered(_distribution, most=3)
+        self._fields = Remembered(_waves, most=3)
 
     def _stage(self, message: Message, cancel: Cancel) -> tuple[Outcome, Surface | Profile]:
         outcome = self.session.outcome(level_of(message), cancel=cancel)
@@ -507,7 +519,13 @@ class PictureAnswers:
 
     def forget(self) -> None:
         """Forget what was made of the file that was open before."""
-        for kept in (self._pyramids, self._extremes, self._moved):
+        for kept in (
+            self._pyramids,
+            self._extremes,
+            self._moved,
+            self._distributions,
+            self._fields,
+        ):
             kept.clear()
         self._transform = None
 
@@ -566,7 +584,7 @@ class PictureAnswers:
                 continue
             curves.append(
                 {"index": i, "name": section["name"], "kind": section["kind"],
-                 "length": float(line.x[-1]), "share_valid": 1.0 - line.n_invalid / len(line)}
+                 "length": float(line.x[-1]), "radius": section.get("radius"), "share_valid": 1.0 - line.n_invalid / len(line)}
             )  # fmt: skip
             arrays |= profile_arrays(profile_view(Extremes(line), columns=columns), f"{i}_")
         return {"curves": curves, "is_preview": outcome.is_preview}, arrays
@@ -608,6 +626,20 @@ class PictureAnswers:
         view = spectrum_view(kept[2], band=band)
         return spectrum_frame(view, unit=unit, is_preview=outcome.is_preview)
 
+    def heights(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``heights``: the distribution of heights with the material ratio curve."""
+        from metrosep.app.field_views import heights_view
+
+        outcome, obj = self._stage(message, cancel)
+        header, arrays = heights_view(self._distributions.of(obj), message.get("at"))
+        return {**header, "is_preview": outcome.is_preview}, arrays
+
+    def waves2d(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``waves2d``: the power of the waves in all directions of a map."""
+        outcome, obj = self._surface(message, cancel, "waves in all directions")
+        header, arrays = self._fields.of(obj)
+        return {**header, "is_preview": outcome.is_preview}, arrays
+
     def density(self, message: Message, cancel: Cancel) -> Answer:
         """Answer a request ``density``: the spectrum that a step ``psd`` compares with its limit."""
         from metrosep.app.spectrum_views import density_frame
@@ -619,6 +651,18 @@ class PictureAnswers:
         if not chosen or chosen[0].op != "psd":
             raise DataError("the step that is shown compares no spectrum with a limit")
         return density_frame(chosen[0].detail, is_preview=outcome.is_preview)
+
+
+def _distribution(obj: Surface | Profile) -> Any:
+    from metrosep.app.field_views import distribution
+
+    return distribution(obj)
+
+
+def _waves(obj: Surface) -> Any:
+    from metrosep.app.field_views import waves_view
+
+    return waves_view(obj)
 
 
 def _moved(obj: Surface, shift: tuple[float, float]) -> Surface:

@@ -59,6 +59,7 @@ const tree = makeTree(el("steps"), {
 const views = makeViews({
   wire, level: () => ladder.level, stage: () => tree.chosen, kind: () => session.kind ?? "none", failed: fail,
   judged: () => shownStep()?.op === "psd", shown: memory.put, learn: (header) => drawing.learn(header), lines: () => drawing.lines(),
+  insert: (step, label) => tree.insert(step, label),
 });
 const drawing = makeDrawing({
   el: el("map"), bar: el("tools"), list: el("shapes"), session: () => session, edit, insert: tree.insert, say: alertText,

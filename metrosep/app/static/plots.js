@@ -178,7 +178,7 @@ export function makePlot(el, options) {
     (/** @type {any} */ u, /** @type {number[]} */ splits) => {
       const { min, max } = u.scales[key];
       const [factor, name] = scaleFor(Math.max(Math.abs(min ?? 0), Math.abs(max ?? 0)), unit());
-      label.textContent = name;
+      label.textContent = key === "y" && options.yName ? options.yName : name;
       return ticks(splits, factor);
     };
   const logarithmic = (/** @type {() => string} */ unit) =>
