@@ -445,10 +445,17 @@ class Answers:
         return {"k": kind, "ok": True, **header}, arrays
 
     def _hello(self, message: Message) -> Answer:
+        from metrosep.app.menus import described_menus
         from metrosep.recipe.step_help import described_steps
 
         session = self.session.state()
-        return {"version": __version__, "session": session, "schema": described_steps()}, {}
+        menus = described_menus()
+        return {
+            "version": __version__,
+            "session": session,
+            "schema": described_steps(),
+            "menus": menus,
+        }, {}
 
     def _open(self, message: Message) -> Answer:
         reading = message.get("reading") or {}
@@ -573,7 +580,8 @@ class PictureAnswers:
 
         outcome, obj = self._surface(message, cancel, "sections")
         _, document = self.session.need()
-        curves, arrays = [], {}
+        curves: list[dict[str, Any]] = []
+        arrays: Arrays = {}
         columns = message.get("columns") or 1000
         for i, section in enumerate(document.recipe.sections):
             try:

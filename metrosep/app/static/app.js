@@ -6,6 +6,7 @@ import { makeBrowser } from "./browser.js";
 import { COLOUR_NAMES } from "./colours.js";
 import { alertText, askFile, clearAlerts, showHelp, showText } from "./dialogs.js";
 import { makeDrawing } from "./drawing.js";
+import { takeMenus } from "./editor.js";
 import { makeExports } from "./exports.js";
 import { listenToDrops, openPaths, uploadAll } from "./files.js";
 import { ago } from "./format.js";
@@ -287,6 +288,7 @@ async function hello() {
   try {
     const { header } = await wire.ask("hello");
     schema = header.schema.steps;
+    takeMenus(header.menus);
     version = header.version;
     const other = String(header.session.files) !== String(session.files);
     take(header.session, other);
