@@ -10,6 +10,7 @@ import { takeMenus } from "./editor.js";
 import { makeExports } from "./exports.js";
 import { listenToDrops, openPaths, uploadAll } from "./files.js";
 import { ago } from "./format.js";
+import { makeHistory } from "./history.js";
 import { KEYS, listenToKeys } from "./keys.js";
 import { makeLadder } from "./ladder.js";
 import { makeMetrics } from "./metrics.js";
@@ -87,6 +88,19 @@ const tabs = makeTabs(el("tabs"), [
   },
 });
 
+/** What is looked at, and the way back to it. */
+const seen = makeHistory(() => {
+  const view = session.kind ? views.looked() : null;
+  return view && { tab: tabs.chosen, stage: tree.chosen, view };
+}, ({ tab, stage, view }) => {
+  tree.go(stage);
+  drawStage();
+  if (tab !== tabs.chosen) tabs.choose(tab);
+  views.look(view);
+  el("shade").checked = view.shade ?? el("shade").checked;
+  if (view.colours) el("colours").value = view.colours;
+});
+
 function fail(/** @type {unknown} */ error) {
   if (error instanceof Superseded) return; // a newer wish took its place
   alertText(error instanceof Error ? error.message : String(error));
@@ -162,6 +176,7 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
     el("shade").checked = view.hill_shade ?? el("shade").checked;
     el("colours").value = views.map.get("colours");
     notes = [];
+    seen.reset();
   }
   drawSession();
   tree.show(session, schema);
@@ -342,7 +357,7 @@ const acts = {
 };
 for (const [id, act] of Object.entries(acts)) el(id).addEventListener("click", act);
 listenToKeys({
-  z: acts.undo, "shift+z": acts.redo, "?": acts.help, o: choose, s: save, e: exportResult, f: acts.fit,
+  z: acts.undo, "shift+z": acts.redo, "alt+arrowleft": seen.back, "alt+arrowright": seen.forward, "?": acts.help, o: choose, s: save, e: exportResult, f: acts.fit,
   h: () => el("shade").click(), r: () => session.kind && tabs.choose("report"), v: () => el("relief-on").click(), ...drawing.acts,
 }, (panel) => {
   const profile = session.kind === "profile";

@@ -17,6 +17,7 @@ export const KEYS = [
   ["H", "hill-shade"],
   ["V", "the map in three dimensions; arrows turn it, page keys change its height scale"],
   ["Z", "undo; with Shift redo"],
+  ["Alt+←→", "back and forward through what was looked at"],
   ["O", "open"],
   ["S", "save the recipe"],
   ["E", "export the result"],
@@ -34,10 +35,15 @@ export const KEYS = [
 export function listenToKeys(acts, goTo, first) {
   document.addEventListener("keydown", (event) => {
     const target = /** @type {HTMLElement} */ (event.target);
-    if (event.defaultPrevented || event.altKey || document.querySelector("dialog[open]")) return;
+    if (event.defaultPrevented || document.querySelector("dialog[open]")) return;
     const control = event.ctrlKey || event.metaKey;
     const typing = target.matches("input:not([type=checkbox]):not([type=radio]), textarea, select");
     if (typing) return;
+    if (event.altKey) {
+      const act = acts[`alt+${event.key.toLowerCase()}`];
+      if (act) event.preventDefault(), act();
+      return;
+    }
     if (first(event)) {
       event.preventDefault();
       return;

@@ -2,8 +2,8 @@
 // The map: canvas with square pixels, wheel to zoom, drag to pan, a section from A to B.
 //
 // Traits: index, shade (bytes), shape [h, w], window and extent [x0, y0, x1, y1], range [low, high],
-// unit, colours; a, b [x, y] and moving (written here); view {window, pixels} (written here: what is
-// wished to be seen).
+// unit, colours; a, b [x, y] and moving (written here); view {window, pixels, fitted} (written here: what is
+// wished to be seen); goto, a window to be shown again.
 
 import { painted } from "./colours.js";
 import { si } from "./format.js";
@@ -124,6 +124,7 @@ function render({ model, el }) {
     const ratio = window.devicePixelRatio || 1;
     model.set("view", {
       window: [x0, y0, x1, y1],
+      fitted,
       pixels: [Math.max(1, Math.round(size[0] * ratio)), Math.max(1, Math.round(size[1] * ratio))],
     });
     model.save_changes();
@@ -284,6 +285,13 @@ function render({ model, el }) {
   model.on("change:extent", () => {
     if (!fitted && scale > 0) return;
     fit();
+    wish();
+  });
+  model.on("change:goto", () => {
+    const [x0, y0, x1, y1] = model.get("goto");
+    centre = [(x0 + x1) / 2, (y0 + y1) / 2];
+    scale = Math.max((x1 - x0) / size[0], (y1 - y0) / size[1]);
+    fitted = false;
     wish();
   });
   model.on("change:fit", () => {

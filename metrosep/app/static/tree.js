@@ -236,6 +236,12 @@ export function makeTree(el, { edit, choose, size }) {
     get chosen() {
       return chosen;
     },
+    /** Show a stage again. @param {number} stage */
+    go(stage) {
+      if (stage === chosen || stage >= (session?.steps.length ?? 0)) return;
+      chosen = stage;
+      draw();
+    },
     reset() {
       chosen = -1;
       failed = null;

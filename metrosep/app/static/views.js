@@ -344,6 +344,29 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       choice.value = [...choice.options].some((one) => one.value === kept.lower) ? kept.lower : "line";
       profile.put({ series: {}, window: null, message: "" });
     },
+    /** What is looked at, for the way back; null while there is no picture yet. @returns {Dict | null} */
+    looked() {
+      if (kind() === "profile") return { window: profile.get("window"), band: spectrum.get("band"), lower: choice.value, measured: profile.get("shown") };
+      const view = map.get("view");
+      if (!placed || !view || !spectrum.get("wavelength")) return null;
+      return { window: view.fitted ? null : view.window, limits: map.get("limits"), a: map.get("a"), b: map.get("b"),
+        band: spectrum.get("band"), colours: map.get("colours"), shade, lower: choice.value };
+    },
+    /** Look at it again. @param {Dict} was */
+    look(was) {
+      choice.value = was.lower;
+      spectrum.put({ band: was.band });
+      if (kind() === "profile") profile.put({ window: was.window });
+      else {
+        shade = was.shade;
+        map.put({ limits: was.limits, a: was.a, b: was.b, colours: was.colours });
+        waves.put({ colours: was.colours });
+        map.put(was.window ? { goto: was.window } : { fit: 1 });
+        shown({ ...sectionView([was.a, was.b], map.get("unit") ?? "m"), colours: was.colours, hill_shade: was.shade });
+      }
+      shown({ ...bandView(was.band), lower: was.lower });
+      this.show();
+    },
     /** Another stage is shown: its heights have another range. */
     newRange() {
       map.put({ limits: null });
