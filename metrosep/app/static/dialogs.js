@@ -43,7 +43,9 @@ export function askForm({ title, text = "", fields, ok, extra = [], sample = [] 
       make("button", { className: "main", textContent: ok, value: "yes" })));
   return shown(form, sample.length ? "wide" : "", (dialog) => {
     form.querySelector("[value=no]").addEventListener("click", () => dialog.close(""));
-    form.querySelector("label input")?.select();
+    const first = form.querySelector("label input");
+    first?.focus();
+    first?.select();
   }).then((answer) => (answer === "yes"
     ? Object.fromEntries(fields.map(({ name }) => [name, form.querySelector(`[name="${name}"]`).value.trim()]))
     : null));

@@ -3,7 +3,8 @@
 //
 // Traits: index, shade (bytes), shape [h, w], window and extent [x0, y0, x1, y1], range [low, high],
 // unit, colours; a, b [x, y] and moving (written here); view {window, pixels, fitted} (written here: what is
-// wished to be seen); goto, a window to be shown again.
+// wished to be seen); goto, a window to be shown again;
+// cursor [x, y] or null (written here), linked: the cursor of a map beside this one.
 
 import { painted } from "./colours.js";
 import { si } from "./format.js";
@@ -34,7 +35,10 @@ function render({ model, el }) {
   read.className = "readout map-readout";
   const ruler = document.createElement("div");
   ruler.className = "map-ruler";
-  el.replaceChildren(canvas, line, read, ruler);
+  const cross = document.createElement("div");
+  cross.className = "map-cross";
+  cross.hidden = true;
+  el.replaceChildren(canvas, line, read, ruler, cross);
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
 
   // What is seen: its centre in m, and m per CSS pixel.
@@ -216,6 +220,7 @@ function render({ model, el }) {
   });
   canvas.addEventListener("pointermove", (event) => {
     const [x, y] = at(event);
+    if (scale > 0) model.set("cursor", toMap(x, y));
     tell(x, y);
     if (!drag) return;
     if (drag.draws) {
@@ -232,6 +237,17 @@ function render({ model, el }) {
   });
   canvas.addEventListener("pointerleave", () => {
     read.textContent = "";
+    model.set("cursor", null);
+  });
+  model.on("change:linked", () => {
+    const place = model.get("linked");
+    cross.hidden = !place || !(scale > 0);
+    if (cross.hidden) read.textContent = "";
+    else {
+      const [x, y] = toScreen(place);
+      cross.style.transform = `translate(${x.toFixed(2)}px, ${y.toFixed(2)}px)`;
+      tell(x, y);
+    }
   });
   canvas.addEventListener("dblclick", () => {
     fit();
