@@ -8,6 +8,7 @@
 #   make test-notebook    its widgets in JupyterLab and marimo, driven by Chromium
 #   make house           lines, files, circles of imports, what stands twice, modules that commands load
 #   make bundle           wheels of metrosep and of all that it can use, for a computer without network
+#   make speeds          what a hand waits for in the workbench, beside what is wanted
 #   make docs | bench | constraints | clean
 # Another interpreter: make PYTHON=python3.12 test
 
@@ -30,7 +31,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 
 .DELETE_ON_ERROR:
-.PHONY: help install groups demo test test-slow test-controller test-clients test-browser test-notebook check lint lint-quick house docs bench constraints bundle check-bundle clean
+.PHONY: help install groups demo test test-slow test-controller test-clients test-browser test-notebook check lint lint-quick house docs speeds bench constraints bundle check-bundle clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -141,6 +142,10 @@ check: lint docs
 lint: lint-quick
 	$(BIN)/mypy
 	$(BIN)/python tools/check_docstrings.py
+
+# What a hand waits for in the workbench, in headless Chromium.
+speeds: $(VENV)/.installed-test
+	$(BIN)/python tools/bench_workbench.py
 
 # The measures of the house; the exit code of the tool is the number of those that are missed.
 house: $(VENV)/.installed

@@ -48,7 +48,7 @@ KEYS = {
     "Home": 36,
     "End": 35,
 }
-SHIFT = 8
+ALT, CONTROL, SHIFT = 1, 2, 8
 
 
 def find_chromium() -> str | None:
@@ -174,13 +174,17 @@ class Page:
         self.mouse("mouseReleased", x + by[0], y + by[1])
         return moves + 1
 
-    def press(self, key: str, *, shift: bool = False) -> None:
+    def press(
+        self, key: str, *, shift: bool = False, control: bool = False, alt: bool = False
+    ) -> None:
         """Press a key."""
         code = KEYS.get(key, ord(key.upper()) if len(key) == 1 else 0)
-        text = {"text": key} if len(key) == 1 else {"text": "\r"} if key == "Enter" else {}
+        text: dict[str, str] = {}
+        if not control and not alt:
+            text = {"text": key} if len(key) == 1 else {"text": "\r"} if key == "Enter" else {}
         for kind in ("keyDown", "keyUp"):
             self.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code,
-                      modifiers=SHIFT if shift else 0, **(text if kind == "keyDown" else {}))  # fmt: skip
+                      modifiers=SHIFT * shift + CONTROL * control + ALT * alt, **(text if kind == "keyDown" else {}))  # fmt: skip
 
     def fill(self, selector: str, text: str) -> None:
         """Type a text into a field in place of what is there."""

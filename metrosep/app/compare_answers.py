@@ -191,6 +191,7 @@ def _compared(session: Session, a: _Side, b: _Side) -> Answer:
         "verdicts": [a.document.get("verdict"), b.document.get("verdict")],
         **{k: v for k, v in found.items() if k not in ("schema", "kind")},
         "shown": shown,
+        "maps": isinstance(a.obj, Surface) and isinstance(b.obj, Surface),
         "refused": refused,
     }
     return plain(header), arrays
@@ -297,10 +298,12 @@ def _overlaid(a: Any, b: Any) -> tuple[str | None, str, Arrays]:
 
 
 def _picture(opened: Opened, a: _Side, b: _Side, wanted: Mapping[str, Any]) -> Answer:
-    """Return the difference map in a window, with its own P-V and RMS."""
+    """Return the difference map in a window, with its own P-V and RMS; or one of both maps."""
     from metrosep.app.map_views import map_view
     from metrosep.app.pyramid import build_pyramid
 
+    if wanted.get("of") in ("a", "b"):
+        return _side_by_side(opened, a, b, wanted)
     key = f"{id(a.document)} {id(b.document)}"
 
     def make() -> tuple[Any, Any, dict[str, Any]]:
@@ -332,6 +335,44 @@ def _picture(opened: Opened, a: _Side, b: _Side, wanted: Mapping[str, Any]) -> A
         "unit": view.unit,
         "extent": pyramid.window,
         **{k: number_or_none(v) for k, v in numbers.items()},
+    }, {"index": view.index}
+
+
+def _side_by_side(opened: Opened, a: _Side, b: _Side, wanted: Mapping[str, Any]) -> Answer:
+    """Return one of two maps in a window, in colours that both share."""
+    from metrosep.app.map_views import map_view
+    from metrosep.app.pyramid import MapPyramid, build_pyramid
+
+    def pyramid_of(side: _Side, letter: str) -> MapPyramid:
+        if not isinstance(side.obj, Surface):
+            raise DataError("only maps stand side by side; profiles are drawn as curves")
+        obj = side.obj
+        made, _ = made_of(
+            opened.material,
+            f"map {letter}",
+            str(id(obj)),
+            lambda: (build_pyramid(obj), obj),
+            most=1,
+        )
+        return made  # type: ignore[no-any-return]
+
+    both = [pyramid_of(a, "a"), pyramid_of(b, "b")]
+    ranges = [p.robust_range for p in both if p.robust_range is not None]
+    shared = (min(r[0] for r in ranges), max(r[1] for r in ranges)) if ranges else None
+    pyramid = both[wanted["of"] == "b"]
+    view = map_view(
+        pyramid,
+        window=wanted.get("window"),
+        pixels=wanted.get("pixels") or (512, 512),
+        level="full",
+        limits=shared if shared and shared[0] < shared[1] else None,
+    )
+    return {
+        "range": view.range,
+        "window": view.window,
+        "scale": view.scale,
+        "unit": view.unit,
+        "extent": pyramid.window,
     }, {"index": view.index}
 
 

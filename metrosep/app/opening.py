@@ -62,6 +62,7 @@ __all__ = [
     "open_with",
     "read_again",
     "session_text",
+    "state_folder",
     "text_of_session",
 ]
 
@@ -103,10 +104,10 @@ def autosave_path(file: Path, others: Sequence[Path] = ()) -> Path:
     """Return where the session of a file is kept: in the user's folder of state, not beside the data."""
     names = "\0".join(sorted(os.path.realpath(f) for f in (file, *others)))
     which = hashlib.sha256(names.encode()).hexdigest()[:12]
-    return _state_folder() / f"{file.name[:_LONGEST_NAME]}.{which}.session.toml"
+    return state_folder() / f"{file.name[:_LONGEST_NAME]}.{which}.session.toml"
 
 
-def _state_folder() -> Path:
+def state_folder() -> Path:
     """Return where this user's programs keep what they go on with."""
     if sys.platform == "win32":
         given = os.environ.get("LOCALAPPDATA")

@@ -383,7 +383,17 @@ CHANGING = ("open", "edit", "undo", "redo")
 """Requests after which every page shows another recipe."""
 
 _OWN = ("hello", "view", *CHANGING)
-_PICTURES = ("map", "relief", "section", "profile", "spectrum", "density")
+_PICTURES = (
+    "map",
+    "relief",
+    "section",
+    "sections",
+    "profile",
+    "spectrum",
+    "density",
+    "heights",
+    "waves2d",
+)
 _ELSEWHERE = {
     "metrics": "metrics_answers:metrics",
     "export": "export_answers:export",
@@ -396,6 +406,8 @@ _ELSEWHERE = {
     "report": "export_answers:report",
     "compare": "compare_answers:compare",
     "run_folder": "export_answers:run_folder",
+    "list": "browsing:listing",
+    "thumbnail": "browsing:thumbnail",
 }
 """Functions ``f(session, message, cancel, tell)`` in modules of their own, loaded when asked."""
 
@@ -433,10 +445,17 @@ class Answers:
         return {"k": kind, "ok": True, **header}, arrays
 
     def _hello(self, message: Message) -> Answer:
+        from metrosep.app.menus import described_menus
         from metrosep.recipe.step_help import described_steps
 
         session = self.session.state()
-        return {"version": __version__, "session": session, "schema": described_steps()}, {}
+        menus = described_menus()
+        return {
+            "version": __version__,
+            "session": session,
+            "schema": described_steps(),
+            "menus": menus,
+        }, {}
 
     def _open(self, message: Message) -> Answer:
         reading = message.get("reading") or {}
@@ -447,6 +466,7 @@ class Answers:
             raise DataError(f"path is a text, or paths a list of them; got {paths!r}")
         self.session.open(paths, reading, keep_recipe=message.get("keep_recipe") is True)
         self.pictures.forget()
+        import_module("metrosep.app.browsing").remember(self.session)
         return {"session": self.session.state()}, {}
 
     def _edit(self, message: Message) -> Answer:
@@ -484,6 +504,8 @@ class PictureAnswers:
         self._extremes = Remembered(Extremes)
         self._moved = Remembered(_moved, most=17)
         self._transform: Any = None
+        self._distributions = Remembered(_distribution, most=3)
+        self._fields = Remembered(_waves, most=3)
 
     def _stage(self, message: Message, cancel: Cancel) -> tuple[Outcome, Surface | Profile]:
         outcome = self.session.outcome(level_of(message), cancel=cancel)
@@ -504,7 +526,13 @@ class PictureAnswers:
 
     def forget(self) -> None:
         """Forget what was made of the file that was open before."""
-        for kept in (self._pyramids, self._extremes, self._moved):
+        for kept in (
+            self._pyramids,
+            self._extremes,
+            self._moved,
+            self._distributions,
+            self._fields,
+        ):
             kept.clear()
         self._transform = None
 
@@ -546,6 +574,29 @@ class PictureAnswers:
         )
         return section_frame(view, is_preview=outcome.is_preview)
 
+    def sections(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``sections``: heights along what the recipe draws on the map."""
+        from metrosep.recipe.map_sections import heights_along
+
+        outcome, obj = self._surface(message, cancel, "sections")
+        _, document = self.session.need()
+        curves: list[dict[str, Any]] = []
+        arrays: Arrays = {}
+        columns = message.get("columns") or 1000
+        for i, section in enumerate(document.recipe.sections):
+            try:
+                line = heights_along(obj, section)
+            except DataError:
+                continue  # the numbers of this section say why
+            if line is None:
+                continue
+            curves.append(
+                {"index": i, "name": section["name"], "kind": section["kind"],
+                 "length": float(line.x[-1]), "radius": section.get("radius"), "share_valid": 1.0 - line.n_invalid / len(line)}
+            )  # fmt: skip
+            arrays |= profile_arrays(profile_view(Extremes(line), columns=columns), f"{i}_")
+        return {"curves": curves, "is_preview": outcome.is_preview}, arrays
+
     def profile(self, message: Message, cancel: Cancel) -> Answer:
         """Answer a request ``profile``."""
         outcome, obj = self._stage(message, cancel)
@@ -583,6 +634,20 @@ class PictureAnswers:
         view = spectrum_view(kept[2], band=band)
         return spectrum_frame(view, unit=unit, is_preview=outcome.is_preview)
 
+    def heights(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``heights``: the distribution of heights with the material ratio curve."""
+        from metrosep.app.field_views import heights_view
+
+        outcome, obj = self._stage(message, cancel)
+        header, arrays = heights_view(self._distributions.of(obj), message.get("at"))
+        return {**header, "is_preview": outcome.is_preview}, arrays
+
+    def waves2d(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``waves2d``: the power of the waves in all directions of a map."""
+        outcome, obj = self._surface(message, cancel, "waves in all directions")
+        header, arrays = self._fields.of(obj)
+        return {**header, "is_preview": outcome.is_preview}, arrays
+
     def density(self, message: Message, cancel: Cancel) -> Answer:
         """Answer a request ``density``: the spectrum that a step ``psd`` compares with its limit."""
         from metrosep.app.spectrum_views import density_frame
@@ -594,6 +659,18 @@ class PictureAnswers:
         if not chosen or chosen[0].op != "psd":
             raise DataError("the step that is shown compares no spectrum with a limit")
         return density_frame(chosen[0].detail, is_preview=outcome.is_preview)
+
+
+def _distribution(obj: Surface | Profile) -> Any:
+    from metrosep.app.field_views import distribution
+
+    return distribution(obj)
+
+
+def _waves(obj: Surface) -> Any:
+    from metrosep.app.field_views import waves_view
+
+    return waves_view(obj)
 
 
 def _moved(obj: Surface, shift: tuple[float, float]) -> Surface:

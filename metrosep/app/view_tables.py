@@ -35,8 +35,8 @@ __all__ = [
     "with_view",
 ]
 
-VIEW_KEYS = ("tab", "colours", "hill_shade", "section_mm", "section_px", "band_mm")
-"""Tab, colours of the map, hill-shade, ends of the section, limits of the band of wavelengths."""
+VIEW_KEYS = ("tab", "colours", "hill_shade", "section_mm", "section_px", "band_mm", "lower")
+"""Tab, colours of the map, hill-shade, ends of the section, limits of the band of wavelengths, lower picture."""
 
 _FARTHEST = 1e9
 """No machine is larger, mm; pixels neither."""
@@ -70,7 +70,7 @@ def shown_view(view: object) -> dict[str, Any]:
 
 
 def _fits(key: str, value: Any) -> bool:
-    if key in ("tab", "colours"):
+    if key in ("tab", "colours", "lower"):
         return isinstance(value, str) and len(value) <= 40 and value.isprintable()
     if key == "hill_shade":
         return isinstance(value, bool)

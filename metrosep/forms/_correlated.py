@@ -351,7 +351,7 @@ def _next_to_the_model(
     numbers: list[int] = []
     for d in range(1, top + 1):
         block = _degree(Pu, Pv, d)
-        size = np.sqrt(np.einsum("ij,ij->j", block, block))
+        size = _sizes(block)
         for _ in range(2):  # twice, or the digits go
             block = block - basis @ (basis.T @ block)
         new, found, _ = np.linalg.svd(block / size, full_matrices=False)
@@ -442,7 +442,7 @@ def _orders(
         basis = np.empty((Q.shape[0], 0))
         for d in range(top + 1):
             block = _degree(Pu, Pv, d)
-            block = block / np.sqrt(np.einsum("ij,ij->j", block, block))
+            block = block / _sizes(block)
             for _ in range(2):
                 block = block - basis @ (basis.T @ block)
             new, size, _ = np.linalg.svd(block, full_matrices=False)
@@ -456,6 +456,12 @@ def _orders(
         if min(wanted, _MOST) <= top or basis.shape[1] >= Q.shape[0]:
             return order, top
         top = min(wanted, _MOST)
+
+
+def _sizes(block: FloatArray) -> FloatArray:
+    """Return the norm of each column; 1 of one that is zero, as on a map that is one block high."""
+    size = np.sqrt(np.einsum("ij,ij->j", block, block))
+    return np.where(size > 0.0, size, 1.0)
 
 
 def _unit(x: FloatArray) -> FloatArray:

@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     )
     from metrosep.parameters.grooves import (
         StepHeight as StepHeight,
+        step_between as step_between,
         step_height as step_height,
     )
     from metrosep.parameters.interferometric import (

@@ -1,4 +1,4 @@
-"""Step height and groove depth after ISO 5436-1, types A1 (flat bottom) and A2 (round bottom).
+"""Step height and groove depth after ISO 5436-1, types A1 (flat bottom) and A2 (round bottom), and steps.
 
 A groove of width W has its middle at 0. Of A1 the line a x + b of the upper faces (W/2 + W/3 to 3W/2
 from the middle) and the bottom (|x| <= W/6), h lower, are fitted together by least squares; what lies
@@ -6,7 +6,8 @@ between is not used, as edges are round. Of A2 the line goes through the outer r
 through the inner one; the depth is that of its vertex, its u that of line and parabola together.
 A bow k x^2 of the faces shifts the depth of A1 by 25/18 k W^2; with ``degree=2`` it is fitted as well.
 Between two regions of a map z = a + b x + c y + d is fitted together, d in the upper region only: the plane is
-that of both. Recalled from ISO 5436-1:2000, not read.
+that of both. Of a band across an edge the outer thirds are such regions. A1 and A2 are recalled from
+ISO 5436-1:2000, not read; steps between regions are not in that standard.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from metrosep.core._arrays import BoolArray, FloatArray
+from metrosep.core._arrays import BoolArray, FloatArray, position
 from metrosep.core.errors import DataError, OptionError, TooFewSamplesError
 from metrosep.core.numbers import choice, positive, real
 from metrosep.core.profile import Profile
@@ -29,7 +30,7 @@ from metrosep.forms._correlated import estimated
 from metrosep.forms.points import Points, points_of
 from metrosep.spectral.dft import instance_of
 
-__all__ = ["StepHeight", "step_height"]
+__all__ = ["StepHeight", "step_between", "step_height"]
 
 EDITION = "ISO 5436-1:2000 (recalled)"
 _LEAST, _LEAST_OF_REGION = 3, 10
@@ -39,6 +40,11 @@ _BOWED = 0.01
 _ROUNDING = 1e-9
 """Of a width: a sample on the end of a range belongs to it."""
 _INNER = 1.0 / 6.0 + _ROUNDING
+_LENGTHS = {"A1": 3.0, "A2": 3.0, "step": 1.0}
+"""Of the band over the distance of its two points: a groove needs its own width on both sides."""
+
+Columns = Callable[[FloatArray, FloatArray, bool], FloatArray]
+"""Columns of a fit at some positions, with or without a bow of the faces; the third is that of the step."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,11 +66,13 @@ class StepHeight:
         Samples in the ranges.
     rms : float, m
         What the fit leaves in them.
-    kind : {"A1", "A2", "regions"}
-        Of the groove, or the step between two regions.
+    kind : {"A1", "A2", "step", "regions"}
+        Of the groove; "step" across an edge, or between two regions.
     bow : float, m
         By how much a bow of the faces moves the height of a straight fit; 0 where ``degree=2`` fitted it, or
         where the samples cannot tell it.
+    n_missing : int, optional
+        Samples of the ranges that were not measured.
     """
 
     height: float
@@ -73,8 +81,9 @@ class StepHeight:
     slope: float
     n_used: int
     rms: float
-    kind: Literal["A1", "A2", "regions"]
+    kind: Literal["A1", "A2", "step", "regions"]
     bow: float = 0.0
+    n_missing: int = 0
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -107,11 +116,12 @@ class StepHeight:
         what = "depth of a groove" if self.height < 0.0 else "height of a ridge"
         if signed:
             what = "height of the middle over the faces beside it, negative for a groove"
-        if self.kind == "regions":
-            what = "height of the upper region over the lower one" + (
-                "" if signed else ", absolute"
-            )
-        text = f"{what}, {EDITION}, type {self.kind}, {self.n_used} samples"
+        how = f"{EDITION}, type {self.kind}"
+        if self.kind in ("step", "regions"):
+            faces = {"step": ("second face", "first"), "regions": ("upper region", "lower one")}
+            what = "height of the {} over the {}".format(*faces[self.kind])
+            what, how = what + ("" if signed else ", absolute"), "one plane for both"
+        text = f"{what}, {how}, {self.n_used} samples"
         return Quantity(
             self.height if signed else self.depth, "m", text,
             u=self.u if known else None, symbol="h" if signed else "d",
@@ -192,8 +202,7 @@ def step_height(
     instance_of(obj, (Profile, Surface), "a step height")
     choice(kind, "kind", ("A1", "A2"))
     choice(axis, "axis", ("x", "y"))
-    if isinstance(degree, bool) or degree not in (1, 2):
-        raise DataError(f"degree of the faces is 1 or 2, got {degree!r}")
+    _check_degree(degree)
     regions = [r for r in (upper, lower) if r is not None]
     if (width is None) == (not regions) or len(regions) == 1:
         raise OptionError(
@@ -207,6 +216,145 @@ def step_height(
         return _between_regions(obj, upper, lower, degree)
     W = positive(width, "width", dimension="length")
     return _groove(obj, W, real(middle, "middle", dimension="length"), kind, axis, degree)
+
+
+def step_between(
+    surface: Surface,
+    a: tuple[float | str, float | str],
+    b: tuple[float | str, float | str],
+    *,
+    width: float | str,
+    kind: Literal["step", "A1", "A2"] = "step",
+    degree: int = 1,
+) -> StepHeight:
+    """Return the height of a step, or of a groove or ridge, across a band in any direction of a map.
+
+    Parameters
+    ----------
+    surface : Surface
+        Not filtered, with both lateral steps; NaN is left out.
+    a, b : tuple of 2 floats (m) or str with unit
+        Of a step: one on each of its faces, so that the edge lies in the middle third between them. Of
+        a groove or ridge: its edges.
+    width : float (m) or str with unit
+        Of the band, along the edge.
+    kind : {"step", "A1", "A2"}, optional
+        A step; a groove with flat, or with round bottom.
+    degree : {1, 2}, optional
+        Faces that are straight, or bowed along the line from a to b.
+
+    Returns
+    -------
+    StepHeight
+        Height of b over a, or of the middle over the faces beside it, with u.
+
+    Raises
+    ------
+    DataError
+        If an option is unknown, a and b are the same point, or the map has no lateral step.
+    TooFewSamplesError
+        If a range holds fewer than 3 valid pixels.
+
+    Notes
+    -----
+    With t along the line from a to b and s across it, from their middle: one least-squares fit of
+    ``z = p + q t + r s + h delta`` to the pixels whose centre lies in the band. Of a step of length L
+    delta is 0 for ``-L/2 <= t <= -L/6`` and 1 for ``L/6 <= t <= L/2``. A groove has the ranges of
+    `step_height`, with W the distance of a and b.
+
+    Examples
+    --------
+    >>> z = np.where(np.arange(80) >= 40, 25e-9, 0.0) + np.zeros((60, 1))
+    >>> found = step_between(Surface(z, 1e-6, 1e-6), (9.5e-6, 3e-5), (69.5e-6, 3e-5), width="40 um")
+    >>> f"{found.height * 1e9:.3f} nm"
+    '25.000 nm'
+    """
+    instance_of(surface, Surface, "a step height")
+    choice(kind, "kind", tuple(_LENGTHS))
+    _check_degree(degree)
+    if surface.dx is None or surface.dy is None:
+        raise DataError("the surface has no lateral step in both axes: give Surface(z, dx, dy)")
+    across = positive(width, "width", dimension="length")
+    (ax, ay), (bx, by) = position(a, "a"), position(b, "b")
+    L = float(np.hypot(bx - ax, by - ay))
+    if not L > 0.0:
+        raise DataError("a and b are the same point: a step has a face on either side")
+    c, s = (bx - ax) / L, (by - ay) / L
+    middle = ((ax + bx) / 2.0, (ay + by) / 2.0)
+    points = points_of(
+        _cut(surface, middle, _LENGTHS[kind] * L, across, (abs(c), abs(s))),
+        centre=middle,
+        middle=False,
+    )
+
+    def place(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return (c * x + s * y) / L, (c * y - s * x) / L
+
+    t, v = place(points.x[None, :], points.y[:, None])
+    band = np.abs(v) <= 0.5 * across / L * (1.0 + _ROUNDING)
+    if kind == "step":
+        inner = band & (t >= 1.0 / 6.0 - _ROUNDING) & (t <= 0.5 + _ROUNDING)
+        outer = band & (t <= -1.0 / 6.0 + _ROUNDING) & (t >= -0.5 - _ROUNDING)
+        parts = [(outer, "face at a"), (inner, "face at b")]
+    else:
+        inner = band & (np.abs(t) <= _INNER)
+        outer = band & (np.abs(t) >= 5.0 / 6.0 - _ROUNDING) & (np.abs(t) <= 1.5 + _ROUNDING)
+        parts = [
+            (outer & (t < 0), "face beside a"),
+            (inner, "bottom"),
+            (outer & (t > 0), "face beside b"),
+        ]
+    for part, name in parts:
+        n = int((part & ~np.isnan(points.z)).sum())
+        if n < _LEAST:
+            raise TooFewSamplesError(
+                f"the {name} holds {n} measured pixels, {_LEAST} are needed: the band of "
+                f"{format_length(_LENGTHS[kind] * L)} by {format_length(across)} must lie on what was "
+                "measured; move it, or make it wider"
+            )
+    within = inner | outer
+    deep = float(np.ptp(v[within & ~np.isnan(points.z)])) > _ROUNDING
+
+    def columns(x: FloatArray, y: FloatArray, bowed: bool) -> FloatArray:
+        t, v = place(x, y)
+        inside = ((t > 0.0) if kind == "step" else (np.abs(t) <= _INNER)).astype(np.float64)
+        middle = [inside, inside * t, inside * t * t] if kind == "A2" else [inside]
+        more = [*([v] if deep else []), *([t * t] if bowed else [])]
+        return np.stack([np.ones_like(t), t, *middle, *more])
+
+    found, slopes = _fitted(points, within, columns, kind, degree)
+    return replace(found, slope=slopes[1] / L)
+
+
+def _cut(
+    surface: Surface,
+    middle: tuple[float, float],
+    along: float,
+    across: float,
+    turn: tuple[float, float],
+) -> Surface:
+    """Return the part of a map around a band that is turned (cosine, sine), two pixels larger."""
+    half = (turn[0] * along + turn[1] * across) / 2.0, (turn[1] * along + turn[0] * across) / 2.0
+    slices, origin = [], []
+    for k, step in enumerate((surface.dx, surface.dy)):
+        assert step is not None  # noqa: S101
+        n = surface.z.shape[1 - k]
+        ends = [(middle[k] + sign * half[k] - surface.origin[k]) / step for sign in (-1, 1)]
+        first = int(np.clip(np.floor(ends[0]) - 2, 0, n - 1))
+        last = int(np.clip(np.ceil(ends[1]) + 3, first + 1, n))
+        slices.append(slice(first, last))
+        origin.append(surface.origin[k] + first * step)
+    part = surface.z[slices[1], slices[0]]
+    if np.isnan(part).all():
+        raise TooFewSamplesError(
+            "the band lies wholly outside of what was measured; move it onto the map"
+        )
+    return Surface(part, surface.dx, surface.dy, origin=(origin[0], origin[1]))
+
+
+def _check_degree(degree: int) -> None:
+    if isinstance(degree, bool) or degree not in (1, 2):
+        raise DataError(f"degree of the faces is 1 or 2, got {degree!r}")
 
 
 def _groove(
@@ -241,7 +389,7 @@ def _groove(
         middle = [inside] if kind == "A1" else [inside, inside * s, inside * s * s]
         return np.stack([np.ones_like(s), s, *middle, *([s * s] if bowed else [])])
 
-    found, slopes = _fitted(points, (inner | outer) & valid, columns, kind, degree)
+    found, slopes = _fitted(points, inner | outer, columns, kind, degree)
     return replace(found, slope=slopes[1] / W)
 
 
@@ -257,11 +405,11 @@ def _between_regions(surface: Surface, upper: Any, lower: Any, degree: int) -> S
                 f"the region {name} holds {int((part & valid).sum())} valid pixels, {_LEAST_OF_REGION} "
                 "are needed; make it larger, or move it to where the map was measured"
             )
-    used = (inside["upper"] | inside["lower"]) & valid
+    within = inside["upper"] | inside["lower"]
     assert surface.dx is not None  # noqa: S101  # as the caller made sure
     assert surface.dy is not None  # noqa: S101
     dx, dy = surface.dx, surface.dy
-    rows, columns_ = np.nonzero(used)
+    rows, columns_ = np.nonzero(within & valid)
     x0, y0 = (
         o + float(i.mean()) * d
         for o, i, d in zip(surface.origin, (columns_, rows), (dx, dy), strict=True)
@@ -281,7 +429,7 @@ def _between_regions(surface: Surface, upper: Any, lower: Any, degree: int) -> S
         bow = [u * u, u * v, v * v] if bowed else []
         return np.stack([np.ones_like(u), u, mark[at[0], at[1]], v, *bow])
 
-    found, slopes = _fitted(points, used, columns, "regions", degree)
+    found, slopes = _fitted(points, within, columns, "regions", degree)
     return replace(found, slope=float(np.hypot(slopes[1], slopes[3])) / L)
 
 
@@ -324,13 +472,10 @@ def _pixels(surface: Surface, region: Any, name: str) -> BoolArray:
 
 
 def _fitted(
-    points: Points,
-    used: BoolArray,
-    columns: Callable[[FloatArray, FloatArray, bool], FloatArray],
-    kind: Any,
-    degree: int,
+    points: Points, within: BoolArray, columns: Columns, kind: Any, degree: int
 ) -> tuple[StepHeight, FloatArray]:
     """Return the step of one least-squares fit, and its coefficients; the third is that of the step."""
+    used = within & ~np.isnan(points.z)
     x, y = np.broadcast_arrays(points.x[None, :], points.y[:, None])
     x, y, level = x[used], y[used], float(np.median(points.z[used]))
     heights = points.z[used] - level
@@ -359,7 +504,8 @@ def _fitted(
         bow = height - _height_of(other, kind)[0] if known else 0.0
     u = float(np.sqrt(slopes @ found.cov @ slopes))
     rms = float(np.sqrt(np.mean(np.square(residual[used]))))
-    step = StepHeight(height, u, found.dof, 0.0, int(used.sum()), rms, kind, bow)
+    n, missing = int(used.sum()), int((within & ~used).sum())
+    step = StepHeight(height, u, found.dof, 0.0, n, rms, kind, bow, missing)
     return step, coefficients
 
 

@@ -181,7 +181,10 @@ def judged(
         verdict: Verdict
         k, source = _origin(check, quantity)
         more: dict[str, Any] = {"u_source": source, "k": k}
-        if metric in decided:
+        if metric in unsure:
+            verdict, expanded = "inconclusive", None if given in (None, FROM_FIT) else float(given)
+            more["reason"] = unsure[metric]
+        elif metric in decided:
             expanded, (verdict, words) = None, decided[metric]
             more = {"u_source": "scatter of the spectrum", "u_note": words}
         elif given == FROM_FIT or (given is None and quantity.u_source == _OF_FIT):
@@ -196,8 +199,8 @@ def judged(
             spread = (expanded, guard, quantity.unit)
             verdict, said = _by_rule(check, limits, spread, values, place)
             more = {**more, **said}
-        if metric in unsure:
-            verdict, more = "inconclusive", {**more, "reason": unsure[metric]}
+        if metric in unsure:  # of several values too
+            verdict = "inconclusive"
         verdicts.append(verdict)
         name = check.get("name", quantity.definition)
         entries.append(

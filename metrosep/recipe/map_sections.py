@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
+from metrosep.core.regions import within_region
 from metrosep.core.sections import (
     angle_at,
     circle_section,
@@ -31,6 +33,7 @@ __all__ = [
     "SECTIONS",
     "MapSection",
     "check_sections",
+    "heights_along",
     "section_metrics",
     "section_of",
 ]
@@ -68,6 +71,23 @@ _OWN: Mapping[str, Mapping[str, Option]] = {
         "b": Option("point", required=True, help="on the circle"),
         "c": Option("point", required=True, help="on the circle"),
     },
+    "step": {
+        "a": Option("point", required=True, help=f"on the first face: {_POINT}"),
+        "b": Option("point", required=True, help="on the second face; the edge between them"),
+        "width": Option("size", required=True, help="of the band, along the edge"),
+    },
+    "groove": {
+        "a": Option("point", required=True, help=f"at one edge of the groove or ridge: {_POINT}"),
+        "b": Option("point", required=True, help="at its other edge"),
+        "width": Option("size", required=True, help="of the band, along the groove"),
+        "bottom": Option(
+            "text", choices=("flat", "round"), default="flat", help="types A1 and A2 of ISO 5436-1"
+        ),
+    },
+    "extremes": {
+        "centre": Option("point", required=True, help=f"of the circle that is searched: {_POINT}"),
+        "radius": Option("size", required=True, help="of the circle that is searched"),
+    },
 }
 
 SECTIONS: Mapping[str, Mapping[str, Option]] = {
@@ -102,7 +122,25 @@ _METRICS: Mapping[str, Mapping[str, tuple[str, str]]] = {
         "x": ("m", "x of the centre of the circle through a, b and c"),
         "y": ("m", "y of the centre of the circle through a, b and c"),
     },
+    "step": {
+        "h": ("m", "height of the face at b over the face at a"),
+        "d": ("m", "height of the step, without its sign"),
+    },
+    "groove": {
+        "h": ("m", "height of the middle over the faces beside it, negative for a groove"),
+        "d": ("m", "depth of the groove or height of the ridge"),
+    },
+    "extremes": {
+        "Pt": ("m", "height of the peak over the valley"),
+        "peak": ("m", "height of the highest pixel in the circle"),
+        "valley": ("m", "height of the lowest pixel in the circle"),
+        "peak_x": ("m", "x of the peak"),
+        "peak_y": ("m", "y of the peak"),
+        "valley_x": ("m", "x of the valley"),
+        "valley_y": ("m", "y of the valley"),
+    },
 }
+_FITS = ("step", "groove")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 
 
@@ -117,6 +155,16 @@ class MapSection:
     profile: Profile | None = None  # heights along a line or a circle
     keys: Mapping[str, Any] = field(default_factory=dict)  # of the recipe, in SI
     missing: str = ""  # why no check of these numbers can pass or fail
+
+    @property
+    def unsure(self) -> dict[str, str]:
+        """By metric, why it cannot be judged; what follows from the points alone can."""
+        lost = (
+            self.found
+            if self.kind != "distance"
+            else {k: q for k, q in self.found.items() if np.isnan(q.value)}
+        )
+        return dict.fromkeys(lost, self.missing) if self.missing else {}
 
 
 def section_metrics(section: Mapping[str, Any]) -> dict[str, str]:
@@ -162,7 +210,7 @@ def check_sections(
             _of_points(section)
         except DataError as exc:
             raise place.error(str(exc), "b") from None
-        if section["kind"] == "line" and section["a"] == section["b"]:
+        if section["kind"] in ("line", *_FITS) and section["a"] == section["b"]:
             raise place.error("a and b are the same point: the section has no length", "b")
 
 
@@ -178,18 +226,116 @@ def section_of(obj: Any, section: Mapping[str, Any]) -> MapSection:
         )
     values, profile = _of_points(section), None
     messages: tuple[str, ...] = ()
+    missing = ""
     if kind == "distance":
-        values, messages = _distance_on(obj, section)
+        values, missing = _distance_on(obj, section)
+    elif kind in _FITS:
+        return _fitted(obj, section)
+    elif kind == "extremes":
+        values, missing = _extremes_in(obj, section)
     elif kind in ("line", "circle"):
-        profile = _profile_of(obj, section)
+        profile = heights_along(obj, section)
+        assert profile is not None  # noqa: S101
         values, messages = _of_profile(profile, section)
-    units, words = section_metrics(section), _METRICS[kind]
+        missing = _missing(name, profile)
+    if missing and profile is None:
+        messages = (missing,)
+    return MapSection(
+        name, kind, _quantities(section, values), messages, profile, section, missing
+    )
+
+
+def _quantities(section: Mapping[str, Any], values: Mapping[str, float]) -> dict[str, Quantity]:
+    """Return values with their units and definitions."""
+    units, words = section_metrics(section), _METRICS[section["kind"]]
     found = {}
     for key, value in values.items():
-        metric = f"section.{name}.{key}"
+        metric = f"section.{section['name']}.{key}"
         what = words[key][1] if key in words else f"amplitude of harmonic {key.split('_')[1]}"
-        found[metric] = Quantity(value, units[metric], f"{what}, section {name}", symbol=metric)
-    return MapSection(name, kind, found, messages, profile, section, _missing(name, profile))
+        found[metric] = Quantity(
+            value, units[metric], f"{what}, section {section['name']}", symbol=metric
+        )
+    return found
+
+
+def _fitted(obj: Surface, section: Mapping[str, Any]) -> MapSection:
+    """Return the height of a step or groove with the u of its fit; NaN where its faces were not measured."""
+    from metrosep.parameters.grooves import step_between
+
+    name, kind = section["name"], section["kind"]
+    fit: Literal["A1", "A2", "step"] = "A2" if section.get("bottom") == "round" else "A1"
+    try:
+        found = step_between(
+            obj,
+            section["a"],
+            section["b"],
+            width=section["width"],
+            kind="step" if kind == "step" else fit,
+        )
+    except TooFewSamplesError as exc:
+        missing = f"section {name}: {exc}"
+        lost = _quantities(section, dict.fromkeys(_METRICS[kind], np.nan))
+        return MapSection(name, kind, lost, (missing,), keys=section, missing=missing)
+    values = {}
+    for key in _METRICS[kind]:
+        quantity = found.to_quantity(signed=key == "h")
+        metric = f"section.{name}.{key}"
+        values[metric] = replace(
+            quantity, symbol=metric, definition=f"{quantity.definition}, section {name}"
+        )
+    text = (
+        f"section {name}: {found.n_used} pixels, RMS {format_length(found.rms)} about the fit; u from what "
+        "the fit leaves, its correlation counted; scale and reference of the instrument are not in it"
+    )
+    messages = [text]
+    if found.n_missing:
+        share = 100.0 * found.n_missing / (found.n_used + found.n_missing)
+        messages.append(
+            f"section {name}: {share:.3g} % of its pixels were not measured and left out"
+        )
+    return MapSection(name, kind, values, tuple(messages), keys=section)
+
+
+def _extremes_in(obj: Surface, section: Mapping[str, Any]) -> tuple[dict[str, float], str]:
+    """Return the highest and lowest pixel in a circle, and what prevents a verdict."""
+    assert obj.dx is not None  # noqa: S101
+    assert obj.dy is not None  # noqa: S101
+    (cx, cy), r = section["centre"], section["radius"]
+    x: FloatArray = obj.origin[0] + obj.dx * np.arange(obj.shape[1], dtype=np.float64)
+    y: FloatArray = obj.origin[1] + obj.dy * np.arange(obj.shape[0], dtype=np.float64)
+    columns, rows = (
+        np.flatnonzero(np.abs(x - cx) <= 1.01 * r),
+        np.flatnonzero(np.abs(y - cy) <= 1.01 * r),
+    )
+    whole = (
+        x[0] <= cx - r * (1 - 1e-9) and x[-1] >= cx + r * (1 - 1e-9)
+        and y[0] <= cy - r * (1 - 1e-9) and y[-1] >= cy + r * (1 - 1e-9)
+    )  # fmt: skip
+    z = obj.z[np.ix_(rows, columns)]
+    within = within_region({"shape": "circle", "diameter": 2.0 * r}, x[columns], y[rows], (cx, cy))
+    z = np.where(within, z, np.nan)
+    lost = int(np.count_nonzero(within & np.isnan(z)))
+    name = section["name"]
+    if not within.any() or lost == np.count_nonzero(within):
+        why = f"section {name}: nothing was measured in its circle; move it onto the map"
+        return dict.fromkeys(_METRICS["extremes"], np.nan), why
+    values: dict[str, float] = {}
+    for which, at in (("peak", np.nanargmax(z)), ("valley", np.nanargmin(z))):
+        i, j = np.unravel_index(int(at), z.shape)
+        values |= {
+            which: float(z[i, j]),
+            f"{which}_x": float(x[columns[j]]),
+            f"{which}_y": float(y[rows[i]]),
+        }
+    values["Pt"] = values["peak"] - values["valley"]
+    ordered = {k: values[k] for k in _METRICS["extremes"]}
+    if not lost and whole:
+        return ordered, ""
+    why = (
+        f"section {name}: a part of its circle was not measured or lies outside the map, where a higher or "
+        "a lower place may be; draw it where the map was measured"
+    )
+    return ordered, why
 
 
 def _missing(name: str, profile: Profile | None) -> str:
@@ -217,27 +363,31 @@ def _of_points(section: Mapping[str, Any]) -> dict[str, float]:
     return {}
 
 
-def _distance_on(
-    obj: Surface, section: Mapping[str, Any]
-) -> tuple[dict[str, float], tuple[str, ...]]:
+def _distance_on(obj: Surface, section: Mapping[str, Any]) -> tuple[dict[str, float], str]:
+    """Return a distance, NaN where it needs a height that was not measured, and which height that is."""
     ends = [(*section[k], height_at(obj, section[k])) for k in ("a", "b")]
     found = distance(*ends)
     values = {k: getattr(found, k) for k in _METRICS["distance"]}
     missing = [k for k, end in zip("ab", ends, strict=True) if np.isnan(end[2])]
     if not missing:
-        return values, ()
-    known = {k: v for k, v in values.items() if not np.isnan(v)}
-    why = (
+        return values, ""
+    return values, (
         f"section {section['name']}: the height at {' and '.join(missing)} was not measured, so that "
         "only the distance in the plane and its direction are known"
     )
-    return known, (why,)
 
 
-def _profile_of(obj: Surface, section: Mapping[str, Any]) -> Profile:
+def heights_along(obj: Surface, section: Mapping[str, Any]) -> Profile | None:
+    """Return the heights along a section; of a groove from its one face to its other; None of points."""
     if section["kind"] == "circle":
         return circle_section(obj, section["centre"], section["radius"])
-    return section_profile(obj, section["a"], section["b"], width=section.get("width"))
+    if section["kind"] not in ("line", *_FITS):
+        return None
+    a, b = section["a"], section["b"]
+    if section["kind"] == "groove":
+        dx, dy = b[0] - a[0], b[1] - a[1]
+        a, b = (a[0] - dx, a[1] - dy), (b[0] + dx, b[1] + dy)
+    return section_profile(obj, a, b, width=section.get("width"))
 
 
 def _of_profile(

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CHECKS",
     "EVALUATING",
+    "FILTER_KEYS",
     "OF_STEP",
     "Evaluating",
     "StepError",
@@ -167,7 +168,7 @@ def _form_numbers(given: Mapping[str, Any], ideal: Any, key: str) -> dict[str, f
     return found
 
 
-_OF_KIND = {
+FILTER_KEYS: Mapping[str, tuple[str, ...]] = {
     "gaussian": (
         "lambda_s",
         "lambda_c",
@@ -189,7 +190,7 @@ _OF_KIND = {
 def _check_filter(options: Mapping[str, Any]) -> None:
     kind = options.get("kind", "gaussian")
     given = {k for k in options if k not in ("op", "enabled", "kind")}
-    stray = next((k for k in options if k in given - set(_OF_KIND[kind])), None)
+    stray = next((k for k in options if k in given - set(FILTER_KEYS[kind])), None)
     if stray is not None:
         raise StepError(f"{stray} does not belong to kind = {kind!r}", stray)
     if kind in ("closing", "opening"):

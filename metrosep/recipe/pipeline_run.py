@@ -102,7 +102,7 @@ class Measurement:
     @property
     def unsure(self) -> dict[str, str]:
         """By metric, why no verdict on it is possible: a section that was measured in part."""
-        return {k: s.missing for s in self.sections if s.missing for k in s.found}
+        return {k: why for s in self.sections for k, why in s.unsure.items()}
 
     def values(self, metric: str) -> list[float]:
         """Return a parameter of each section of a profile, in the order of x."""

@@ -321,3 +321,35 @@ def test_a_stored_separation_holds_its_curve(tmp_path):
 
     assert header["equal"]
     assert float(np.abs(arrays["difference_low"]).max()) == 0.0
+
+
+# ---- side by side ------------------------------------------------------------------------------
+
+
+def test_both_maps_are_drawn_in_colours_that_they_share(session):
+    ask(session, pin="levelled")
+    level_off(session)
+    header, _ = ask(session, against={"pin": "levelled"})
+    assert header["maps"] is True
+    pictures = {
+        side: ask(session, against={"pin": "levelled"}, picture={"of": side, "pixels": [51, 41]})
+        for side in "ab"
+    }
+    (first, drawn_a), (second, drawn_b) = pictures["a"], pictures["b"]
+    assert first["range"] == second["range"]
+    assert first["extent"] == second["extent"]
+    tilted, flat = (np.ptp(d["index"][d["index"] > 0].astype(int)) for d in (drawn_b, drawn_a))
+    assert tilted > flat  # the present one has its slope of 5 um
+    # y up: the bump lies in the upper part of both, the gap at lower right
+    for drawn in (drawn_a, drawn_b):
+        assert drawn["index"][-1 - 5, 40] == 0
+        assert (drawn["index"] == 0).sum() == 1
+
+
+def test_maps_of_another_grid_still_stand_side_by_side(session, tmp_path):
+    other = part(tmp_path / "b.x3p", cut=5)
+    header, _ = ask(session, against={"files": [str(other)]})
+    assert (header["shown"], header["maps"]) == (None, True)
+    assert "samples" in header["refused"]
+    picture, _ = ask(session, against={"files": [str(other)]}, picture={"of": "a"})
+    assert picture["extent"][2] == pytest.approx(45.5e-3, abs=1e-9)

@@ -142,7 +142,7 @@ def test_dialogs_alerts_and_the_empty_page_are_readable(opened: Opened, tmp_path
             page.wait("document.querySelector('dialog[open]') !== null")
             bad[f"{scheme} {key}"] = unreadable(page)
             if key == "o":
-                page.fill("dialog input", str(tmp_path / "missing.x3p"))
+                page.fill("dialog [name=path]", str(tmp_path / "missing.x3p"))
                 page.press("Enter")
                 page.wait("document.querySelector('.alert p') !== null")
                 bad[f"{scheme} alert"] = unreadable(page)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.conftest import STEP, N
-from browser.test_work import settled
+from browser.test_work import printed, settled
 
 from metrosep.recipe.recipe import without_view_block
 
@@ -146,10 +146,26 @@ def an_angle(hand: Hand) -> None:
         hand.click(corner)
 
 
+def a_step(hand: Hand) -> None:
+    hand.page.press("t")
+    hand.drag((1.2 * MM, 2.0 * MM), (2.4 * MM, 2.9 * MM))
+
+
+def a_groove(hand: Hand) -> None:
+    hand.page.press("t")
+    hand.page.press("t")
+    hand.drag((2.0 * MM, 1.6 * MM), (2.6 * MM, 1.6 * MM))
+
+
+def the_extremes(hand: Hand) -> None:
+    hand.page.press("m")
+    hand.drag((2.2 * MM, 4.2 * MM), (2.9 * MM, 4.2 * MM))
+
+
 GESTURES = {
     "circle": a_circle, "ring": a_ring, "rectangle": a_rectangle, "polygon": a_polygon,
     "free-hand": a_free_shape, "brush": a_brush, "section": a_section, "round section": a_round_section,
-    "distance": a_distance, "angle": an_angle,
+    "distance": a_distance, "angle": an_angle, "step": a_step, "groove": a_groove, "extremes": the_extremes,
 }  # fmt: skip
 
 
@@ -207,6 +223,16 @@ def test_a_gesture_is_one_edit_and_one_undo_restores_the_bytes(
     elif name == "round section":
         assert is_at(shape["centre"], (3.0 * MM, 3.0 * MM))
         assert metres(shape["radius"]) == pytest.approx(2.0 * MM, abs=2 * near)
+    elif name == "step":
+        assert (shape["kind"], shape["name"]) == ("step", "step1")
+        assert is_at(shape["a"], (1.2 * MM, 2.0 * MM))
+        assert is_at(shape["b"], (2.4 * MM, 2.9 * MM))
+        assert metres(shape["width"]) == pytest.approx(0.75 * MM, abs=2 * near)
+    elif name == "groove":
+        assert shape["kind"] == "groove"
+        assert is_at(shape["b"], (2.6 * MM, 1.6 * MM))
+    elif name == "extremes":
+        assert metres(shape["radius"]) == pytest.approx(0.7 * MM, abs=2 * near)
     else:
         assert shape["kind"] == name
         assert is_at(shape["b"], CORNERS[1])
@@ -370,3 +396,117 @@ def test_eight_sections_have_eight_colours_and_a_ninth_is_refused(
     for s in hand.data()["section"]:
         (_, y0), (_, y1) = point(s["a"]), point(s["b"])
         assert y0 == y1
+
+
+def test_a_step_is_measured_in_full_resolution_and_its_peak_is_marked(
+    opened: Opened, map_file: Path
+) -> None:
+    from metrosep.io.read import read
+    from metrosep.parameters import step_between
+
+    page = opened(map_file)
+    hand = Hand(page)
+    settled(page, lambda: a_step(hand))
+    settled(page, lambda: the_extremes(hand))
+    step, spot = hand.data()["section"]
+    left = read(map_file).level()
+    a, b = (tuple(point(step[k])) for k in "ab")
+    found = step_between(left, a, b, width=metres(step["width"]))
+    shown, half = printed(page, "section.step1.h")
+    assert abs(shown - found.height) <= half
+    x, y = np.indices(left.z.T.shape) * STEP
+    (cx, cy), r = point(spot["centre"]), metres(spot["radius"])
+    inside = np.where(np.hypot(x - cx, y - cy) <= r, left.z.T, np.nan)
+    highest = np.unravel_index(np.nanargmax(inside), inside.shape)
+    shown, half = printed(page, "section.spot1.peak_x")
+    assert abs(shown - highest[0] * STEP) <= half
+    assert page.run("document.querySelectorAll('.draw-shape polygon[points]').length") > 2
+    assert page.errors == []
+
+
+def test_curves_of_the_recipe_stand_beside_the_section_and_can_be_hidden(
+    opened: Opened, map_file: Path
+) -> None:
+    page = opened(map_file)
+    hand = Hand(page)
+    settled(page, lambda: a_section(hand))
+    settled(page, lambda: a_round_section(hand))
+    settled(page, lambda: a_groove(hand))
+    page.wait("document.querySelectorAll('.plot-names button').length === 3")
+    names = page.run(
+        "[...document.querySelectorAll('.plot-names button')].map((e) => e.textContent)"
+    )
+    assert names == ["line1", "round1", "groove1"]
+    colours = page.run(
+        "[...document.querySelectorAll('.plot-names button')].map((e) => getComputedStyle(e).borderLeftColor)"
+    )
+    assert len(set(colours)) == 3
+    page.click(".plot-names button")
+    page.wait(
+        "document.querySelector('.plot-names button').getAttribute('aria-pressed') === 'false'"
+    )
+    assert page.errors == []
+
+
+def test_a_band_is_pulled_out_of_a_line_and_damps_waves_across_it(
+    opened: Opened, map_file: Path
+) -> None:
+    page = opened(map_file)
+    hand = Hand(page)
+    settled(page, lambda: a_section(hand))
+    assert "width" not in hand.data()["section"][0]
+    page.press("Escape")
+    hand = Hand(page)
+    settled(page, lambda: page.drag(page.middle('[data-grip="width"]'), (-24.0, -16.0)))
+    width = metres(hand.data()["section"][0]["width"])
+    assert width > 10 * STEP
+    page.wait("document.getElementById('messages').title.includes('mean of')")
+    assert page.errors == []
+
+
+def test_the_wheel_changes_the_brush_and_copies_are_pasted_and_turned(
+    opened: Opened, map_file: Path
+) -> None:
+    page = opened(map_file)
+    hand = Hand(page)
+    page.press("b")
+    x, y = hand.at(1.5 * MM, 3.0 * MM)
+    page.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=200)
+    settled(page, lambda: hand.drag((1.5 * MM, 3.0 * MM), (2.5 * MM, 2.2 * MM)))
+    thick = metres(hand.data()["step"][1]["aperture"]["radius"])
+    assert thick == pytest.approx(8 * hand.scale * np.exp(0.3), abs=hand.scale)
+    page.press("Escape")
+    settled(page, lambda: page.press("z"))
+    settled(page, lambda: a_rectangle(hand))
+    page.press("Escape")
+    page.click('[data-shape="step 1"]')
+    hand = Hand(page)
+    before = hand.data()["step"][1]["aperture"]
+    # a quarter of a turn: the handle of the angle from the right to above the middle
+    (x0, y0), (x1, y1) = page.middle('[data-grip="turn"]'), page.middle('[data-grip="move"]')
+    settled(page, lambda: page.drag((x0, y0), (x1 - x0, y1 - 60 - y0)))
+    turned = hand.data()["step"][1]["aperture"]
+    assert float(turned["angle"].split()[0]) == pytest.approx(90.0, abs=2.0)  # from +x to +y
+    assert (turned["width"], turned["centre"]) == (before["width"], before["centre"])
+    page.run("document.querySelector('[data-shape=\"step 1\"]').focus()")
+    page.press("c", control=True)
+    settled(page, lambda: page.press("v", control=True))
+    masks = [s["aperture"] for s in hand.data()["step"] if s["op"] == "mask"]
+    assert len(masks) == 2
+    assert masks[0]["width"] == masks[1]["width"]
+    assert masks[0]["centre"] != masks[1]["centre"]
+    assert page.errors == []
+
+
+@pytest.mark.parametrize("how", ["first corner", "double click"])
+def test_a_polygon_is_closed_by_its_first_corner_or_a_double_click(
+    opened: Opened, map_file: Path, how: str
+) -> None:
+    page = opened(map_file)
+    hand = Hand(page)
+    page.press("p")
+    for corner in CORNERS:
+        hand.click(corner)
+    settled(page, lambda: hand.click(CORNERS[0] if how == "first corner" else CORNERS[-1]))
+    points = hand.data()["step"][1]["aperture"]["points"]
+    assert len(points) == 3

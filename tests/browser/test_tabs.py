@@ -206,6 +206,34 @@ def test_pinned_result_beside_the_present_one(opened: Opened, map_file: Path) ->
     assert page.errors == []
 
 
+def test_two_maps_side_by_side_share_window_and_cursor(opened: Opened, map_file: Path) -> None:
+    page = opened(map_file)
+    page.click("#tab-compare")
+    pin(page, "with form")
+    settled(page, lambda: page.click('[aria-label="Step 1, form: on"]'))
+    page.wait("document.querySelector('.compare-picture').dataset.drawn === 'map'", LONG)
+    page.click(".compare-picture > button")
+    page.wait("document.querySelector('.side-row').dataset.drawn === '2'")
+    names = page.run("[...document.querySelectorAll('.side-row p')].map((e) => e.textContent)")
+    assert names == ["with form", "present"]
+    left, top, width, height = page.box(".side-row > div:first-child canvas")
+    page.mouse("mouseMoved", left + 0.4 * width, top + 0.45 * height)
+    reads = page.run(
+        "[...document.querySelectorAll('.side-row .map-readout')].map((e) => e.textContent.split('   '))"
+    )
+    assert reads[0][:2] == reads[1][:2]  # x and y
+    assert reads[0][2] != reads[1][2]  # the bowl is there in one of them alone
+    assert (
+        page.run("document.querySelector('.side-row > div:last-child .map-cross').hidden") is False
+    )
+    page.call("Input.dispatchMouseEvent", type="mouseWheel", x=left + 0.4 * width, y=top + 0.45 * height,
+              deltaX=0, deltaY=-400)  # fmt: skip
+    page.wait(
+        "(([a, b]) => a && a === b)([...document.querySelectorAll('.side-row .map-ruler')].map((e) => e.textContent + e.style.width))"
+    )
+    assert page.errors == []
+
+
 def runs_file(path: Path, amplitude: float) -> Path:
     """Three runs with a wave that keeps its place."""
     rng = np.random.default_rng(8)

@@ -200,3 +200,43 @@ def test_a_matrix_with_a_semicolon_in_its_name_is_opened(opened: Opened, map_fil
     page.wait("document.getElementById('title').textContent === 'part; left.txt'")
     assert page.run("document.body.dataset.kind") == "map"
     assert page.text("#alerts") == ""
+
+
+def test_alt_arrows_go_back_through_what_was_looked_at_and_leave_the_recipe(
+    opened: Opened, map_file: Path
+) -> None:
+    page = opened(map_file)
+    recipe = (
+        "document.querySelectorAll('[data-step]').length + document.getElementById('undo').title"
+    )
+    rest = 0.8  # s: a state is kept when it has rested
+
+    def alt(key: str) -> None:
+        page.run("document.activeElement.blur()")
+        page.press(key, alt=True)
+
+    time.sleep(rest)
+    ruler = "document.querySelector('.map-ruler').textContent + document.querySelector('.map-ruler').style.width"
+    whole, before = page.run(ruler), page.run(recipe)
+    x, y = page.middle("#map canvas")
+    page.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=-300)
+    page.wait(f"({ruler}) !== {whole!r}")
+    near = page.run(ruler)
+    time.sleep(rest)
+    page.click('[data-step="0"] .pick')
+    page.wait("document.getElementById('map-stage').textContent.includes('step 1')")
+    time.sleep(rest)
+    page.click("#tab-report")
+    time.sleep(rest)
+    alt("ArrowLeft")
+    page.wait("document.body.dataset.tab === 'view'")
+    alt("ArrowLeft")
+    page.wait("document.getElementById('map-stage').textContent === 'after all steps'")
+    assert page.run(ruler) == near
+    alt("ArrowLeft")
+    page.wait(f"({ruler}) === {whole!r}")
+    for _ in range(3):
+        alt("ArrowRight")
+    page.wait("document.body.dataset.tab === 'report'")
+    assert page.run(recipe) == before
+    assert page.errors == []

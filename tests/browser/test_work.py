@@ -167,12 +167,13 @@ def test_the_saved_recipe_gives_the_same_numbers_on_the_command_line(
 def test_words_of_the_server_are_shown_and_nothing_is_lost(opened: Opened, map_file: Path) -> None:
     page = opened(map_file)
     page.click('[data-step="0"] .pick')
-    page.fill('[data-step="0"] [data-key=form]', "cylindrr")
+    settled(page, lambda: page.click("[data-form=polynomial]"))
+    page.fill('[data-step="0"] [data-field=degree]', "three")
     page.press("Enter")
     page.wait("document.querySelector('.alert p') !== null")
-    assert "cylindrr" in page.text(".alert p")
-    assert "plane" in page.text('[data-step="0"] .pick')
-    assert page.run("document.querySelector('[data-step=\"0\"] [data-key=form]').value") == "plane"
+    assert "three" in page.text(".alert p")
+    assert "degree=2" in page.text('[data-step="0"] .pick')
+    assert page.run("document.querySelector('[data-step=\"0\"] [data-field=degree]').value") == "2"
 
 
 def test_asks_for_the_unit(opened: Opened, tmp_path: Path) -> None:

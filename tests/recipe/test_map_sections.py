@@ -225,8 +225,10 @@ def test_a_distance_over_a_hole_keeps_what_is_known_in_the_plane(folder):
     z[25:35, 35:45] = np.nan
     ms.write(ms.Surface(z, STEP, STEP), folder / "part.x3p")
     found, document = values(folder)
-    assert "section.holes.height" not in found
-    assert "section.holes.lateral" in found
+    assert (
+        found["section.holes.height"]["value"] is None
+    )  # a check of it is inconclusive, not refused
+    assert found["section.holes.lateral"]["value"] is not None
     assert any("height at a was not measured" in m for m in document["messages"])
 
 

@@ -2,12 +2,15 @@
 // The workbench: one session of the server, shown. What the user does becomes an edit of the recipe;
 // what is shown comes from the library.
 
+import { makeBrowser } from "./browser.js";
 import { COLOUR_NAMES } from "./colours.js";
 import { alertText, askFile, clearAlerts, showHelp, showText } from "./dialogs.js";
 import { makeDrawing } from "./drawing.js";
+import { takeMenus } from "./editor.js";
 import { makeExports } from "./exports.js";
 import { listenToDrops, openPaths, uploadAll } from "./files.js";
 import { ago } from "./format.js";
+import { makeHistory } from "./history.js";
 import { KEYS, listenToKeys } from "./keys.js";
 import { makeLadder } from "./ladder.js";
 import { makeMetrics } from "./metrics.js";
@@ -58,6 +61,7 @@ const tree = makeTree(el("steps"), {
 const views = makeViews({
   wire, level: () => ladder.level, stage: () => tree.chosen, kind: () => session.kind ?? "none", failed: fail,
   judged: () => shownStep()?.op === "psd", shown: memory.put, learn: (header) => drawing.learn(header), lines: () => drawing.lines(),
+  insert: (step, label) => tree.insert(step, label),
 });
 const drawing = makeDrawing({
   el: el("map"), bar: el("tools"), list: el("shapes"), session: () => session, edit, insert: tree.insert, say: alertText,
@@ -82,6 +86,19 @@ const tabs = makeTabs(el("tabs"), [
     el("status-link").textContent = text;
     el("status-link").title = files.join("\n");
   },
+});
+
+/** What is looked at, and the way back to it. */
+const seen = makeHistory(() => {
+  const view = session.kind ? views.looked() : null;
+  return view && { tab: tabs.chosen, stage: tree.chosen, view };
+}, ({ tab, stage, view }) => {
+  tree.go(stage);
+  drawStage();
+  if (tab !== tabs.chosen) tabs.choose(tab);
+  views.look(view);
+  el("shade").checked = view.shade ?? el("shade").checked;
+  if (view.colours) el("colours").value = view.colours;
 });
 
 function fail(/** @type {unknown} */ error) {
@@ -159,6 +176,7 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
     el("shade").checked = view.hill_shade ?? el("shade").checked;
     el("colours").value = views.map.get("colours");
     notes = [];
+    seen.reset();
   }
   drawSession();
   tree.show(session, schema);
@@ -275,7 +293,8 @@ async function receive(/** @type {File[]} */ files, keep = false) {
 }
 
 async function choose() {
-  const given = await askFile(session.home ?? "", Boolean(session.kind) && session.kind !== "method");
+  const browse = (/** @type {(paths: string[], open: boolean) => void} */ chosen) => makeBrowser(wire, chosen);
+  const given = await askFile(session.home ?? "", Boolean(session.kind) && session.kind !== "method", browse);
   if (given?.files?.length) receive(given.files, given.keep);
   else if (given?.paths?.length) open(given.paths, given.keep);
 }
@@ -284,6 +303,7 @@ async function hello() {
   try {
     const { header } = await wire.ask("hello");
     schema = header.schema.steps;
+    takeMenus(header.menus);
     version = header.version;
     const other = String(header.session.files) !== String(session.files);
     take(header.session, other);
@@ -337,7 +357,7 @@ const acts = {
 };
 for (const [id, act] of Object.entries(acts)) el(id).addEventListener("click", act);
 listenToKeys({
-  z: acts.undo, "shift+z": acts.redo, "?": acts.help, o: choose, s: save, e: exportResult, f: acts.fit,
+  z: acts.undo, "shift+z": acts.redo, "alt+arrowleft": seen.back, "alt+arrowright": seen.forward, "?": acts.help, o: choose, s: save, e: exportResult, f: acts.fit,
   h: () => el("shade").click(), r: () => session.kind && tabs.choose("report"), v: () => el("relief-on").click(), ...drawing.acts,
 }, (panel) => {
   const profile = session.kind === "profile";

@@ -43,7 +43,9 @@ export function askForm({ title, text = "", fields, ok, extra = [], sample = [] 
       make("button", { className: "main", textContent: ok, value: "yes" })));
   return shown(form, sample.length ? "wide" : "", (dialog) => {
     form.querySelector("[value=no]").addEventListener("click", () => dialog.close(""));
-    form.querySelector("input")?.select();
+    const first = form.querySelector("label input");
+    first?.focus();
+    first?.select();
   }).then((answer) => (answer === "yes"
     ? Object.fromEntries(fields.map(({ name }) => [name, form.querySelector(`[name="${name}"]`).value.trim()]))
     : null));
@@ -93,9 +95,10 @@ export function pathsOf(text, offered = "") {
  * Choose files: paths on this computer, or such as are handed over by the browser.
  * @param {string} path shown to begin with
  * @param {boolean} canKeep whether a recipe is there that may be carried out on them
+ * @param {(chosen: (paths: string[], open: boolean) => void) => Node} browse makes the list of files
  * @returns {Promise<{ paths?: string[], files?: File[], keep: boolean } | null>}
  */
-export async function askFile(path, canKeep) {
+export async function askFile(path, canKeep, browse) {
   /** @type {File[]} */
   let chosen = [];
   const picker = make("input", { type: "file", multiple: true });
@@ -106,8 +109,14 @@ export async function askFile(path, canKeep) {
   });
   const keep = make("input", { type: "checkbox", id: "keep-recipe" });
   const keepLabel = make("label", { className: "check" }, keep, "keep the present steps and limits: carry them out on this file");
+  const list = browse((paths, open) => {
+    const field = /** @type {HTMLInputElement | null} */ (document.querySelector("dialog [name=path]"));
+    if (!field) return;
+    field.value = paths.map((one) => (one.includes(";") || paths.length > 1 ? `"${one}"` : one)).join("; ");
+    if (open) /** @type {HTMLButtonElement} */ (document.querySelector("dialog button[value=yes]")).click();
+  });
   const given = await askForm({
-    title: "Open a measurement, runs or a recipe",
+    title: "Open a measurement, runs or a recipe", sample: [list],
     fields: [{ name: "path", label: "File on this computer, inside the folders that metrosep was started with; several runs: separated by ; (a name that holds ; stands in \"quotes\")", value: path }],
     ok: "Open",
     extra: canKeep ? [label, keepLabel] : [label],

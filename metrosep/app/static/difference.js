@@ -32,6 +32,60 @@ export function joined(lines) {
 }
 
 /**
+ * Two maps beside one another in the same colours: one window, one cursor.
+ * @param {(side: "a" | "b", view: Dict) => Promise<import("./wire.js").Answer>} ask
+ * @param {(error: unknown) => void} fail
+ */
+function makeSides(ask, fail) {
+  const el = document.createElement("div");
+  el.className = "side-row";
+  el.hidden = true;
+  let following = false; // a map that follows the other does not lead
+  const maps = (/** @type {("a" | "b")[]} */ (["a", "b"])).map((side) => {
+    const [box, name, map] = ["div", "p", "div"].map((tag) => document.createElement(tag));
+    box.append(name, map);
+    el.append(box);
+    const model = makeModel({ colours: localStorage.getItem("colours") ?? "viridis" }, (changes) => {
+      if (!("view" in changes)) return;
+      load();
+      const to = other();
+      if (following || !to.model.get("extent")) return;
+      following = true;
+      to.model.put(model.get("view").fitted ? { fit: 1 } : { goto: model.get("view").window });
+      following = false;
+    });
+    const other = () => maps[side === "a" ? 1 : 0];
+    model.on("change:cursor", () => other().model.put({ linked: model.get("cursor") }));
+    mapWidget.render({ model, el: map });
+    async function load() {
+      if (el.hidden) return;
+      const view = model.get("view");
+      try {
+        const { header, arrays } = await ask(side, { window: model.get("extent") ? view?.window ?? null : null, pixels: view?.pixels ?? [512, 512] });
+        model.put({ shape: arrays.index.shape, window: header.window, unit: header.unit, range: header.range, index: arrays.index });
+        if (String(model.get("extent")) !== String(header.extent)) model.put({ extent: header.extent });
+        el.dataset.drawn = String(maps.filter((one) => one.model.get("index")).length);
+      } catch (error) {
+        if (!(error instanceof Superseded)) fail(error);
+      }
+    }
+    return { model, name, map, load };
+  });
+  return {
+    el,
+    /** @param {string[]} names */
+    name(names) {
+      maps.forEach((one, i) => {
+        one.name.textContent = names[i];
+        one.map.querySelector("canvas")?.setAttribute("aria-label", `Map of ${names[i]}. Wheel or plus and minus zoom, drag or arrows pan; the other map follows.`);
+        one.model.put({ index: null, shape: null, extent: null });
+      });
+    },
+    show: () => maps.forEach((one) => one.load()),
+  };
+}
+
+/**
  * @param {HTMLElement} el
  * @param {import("./wire.js").Wire} wire
  * @param {(error: unknown) => void} fail
@@ -39,6 +93,8 @@ export function joined(lines) {
 export function makeDifference(el, wire, fail) {
   /** @type {Dict | null} */
   let against = null;
+  /** @type {Dict | null} of whom both maps are there */
+  let besides = null;
   const title = document.createElement("p");
   title.className = "difference-title";
   const mapRow = document.createElement("div");
@@ -54,6 +110,12 @@ export function makeDifference(el, wire, fail) {
   const model = makeModel({ colours: localStorage.getItem("colours") ?? "viridis" }, (changes) => {
     if ("view" in changes || "limits" in changes) ask();
   });
+  const sides = makeSides((side, view) => wire.ask("compare", { against: besides, picture: { of: side, ...view } }, `compare ${side}`), fail);
+  mapRow.after(sides.el);
+  const toggle = document.createElement("button");
+  Object.assign(toggle, { type: "button", className: "small", textContent: "side by side", title: "Both maps with one cursor, or their difference" });
+  toggle.addEventListener("click", () => showSides(sides.el.hidden));
+  title.after(toggle);
   mapWidget.render({ model, el: mapEl });
   colourbarWidget.render({ model, el: barEl });
   mapEl.querySelector("canvas")?.setAttribute("aria-label", "Difference map. Wheel or plus and minus zoom, drag or arrows pan.");
@@ -90,6 +152,13 @@ export function makeDifference(el, wire, fail) {
     }
   }
 
+  function showSides(/** @type {boolean} */ on) {
+    toggle.setAttribute("aria-pressed", String(on));
+    sides.el.hidden = !on;
+    mapRow.hidden = on || !against;
+    if (on) sides.show();
+  }
+
   return {
     /** @param {Dict | null} header @param {Dict} arrays @param {Dict | null} other */
     put(header, arrays, other) {
@@ -101,6 +170,10 @@ export function makeDifference(el, wire, fail) {
       title.className = header?.refused ? "difference-title refused" : "difference-title";
       title.textContent = header?.refused ?? "";
       model.put({ index: null, shape: null, extent: null, limits: null, auto_range: null });
+      besides = header?.maps ? other : null;
+      toggle.hidden = !besides;
+      sides.name(header?.names ?? ["", ""]);
+      showSides(Boolean(besides) && (!against || !sides.el.hidden));
       if (against) {
         title.textContent = "difference map…";
         ask();

@@ -2,7 +2,7 @@
 // Drawing on the map: tools, shapes with handles, and their list. A gesture ends as one edit of the recipe;
 // while it lasts nothing is asked of the server.
 
-import { chipOf, drawBar, fieldsOf, fillBar, groupOf, linesOf, meant, nextName, node, shapesOf, TOOLS } from "./drawing_parts.js";
+import { chipOf, drawBar, fieldsOf, fillBar, groupOf, linesOf, meant, nextName, node, SECOND, shapesOf, TOOLS } from "./drawing_parts.js";
 import { makeHandle, wheelFactor } from "./handles.js";
 import { gripsOf, kindOf, moved, pointText, setPixel, straightened, withCorner, withoutCorner, written } from "./shapes.js";
 
@@ -11,6 +11,18 @@ import { gripsOf, kindOf, moved, pointText, setPixel, straightened, withCorner, 
 /** @typedef {import("./drawing_parts.js").Shape} Shape */
 
 const MOST_LINES = 8;
+
+/** Peak and valley of each section that looks for them. @param {Dict[]} rows of the metrics @returns {Map<string, [Point, number][]>} */
+function marksOf(rows) {
+  const found = new Map();
+  const by = new Map(rows.map((row) => [row.symbol, row.value]));
+  for (const symbol of by.keys()) {
+    const name = /^section\.(.+)\.peak_x$/.exec(symbol)?.[1];
+    const place = (/** @type {string} */ what) => ["x", "y"].map((axis) => by.get(`section.${name}.${what}_${axis}`) ?? NaN);
+    if (name) found.set(name, [[place("peak"), 1], [place("valley"), -1]]);
+  }
+  return found;
+}
 
 /** @param {Dict} options el: the map, bar: of the tools, list: of the shapes; session(), edit(edits, label), insert(step, label), shown(a, b), say(text) */
 export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }) {
@@ -26,6 +38,8 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }
   let held = "";
   /** @type {Map<number, Point>} */
   let centres = new Map();
+  /** @type {Map<string, [Point, number][]>} */
+  let marks = new Map(); // peak and valley by the name of their section
   /** @type {Map<string, import("./handles.js").Grip>} */
   let grips = new Map();
 
@@ -108,7 +122,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }
     if (clicks()) {
       draft = unfinished([...pen, p]);
     } else if (pad.hasPointerCapture(event.pointerId)) {
-      if (tool === "section" && event.shiftKey) p = straightened(pen[0], p);
+      if (["section", "step", "groove"].includes(tool) && event.shiftKey) p = straightened(pen[0], p);
       if (tool === "free" || tool === "brush") pen.push(p);
       else pen = [pen[0], p];
       draft = unfinished(pen);
@@ -167,7 +181,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }
 
   function use(/** @type {string} */ next) {
     if (next && !ready()) return;
-    tool = next === "circle" && tool === "circle" ? "ring" : next === tool ? "" : next;
+    tool = next && next === tool ? SECOND[next] ?? "" : next;
     pen = [];
     draft = null;
     if (tool) chosen = "";
@@ -230,7 +244,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }
   let step = 0; // m: of a pixel
 
   function drawn(/** @type {Dict} */ table, /** @type {Point | null} */ fitted, /** @type {string} */ name, /** @type {Shape | null} */ shape) {
-    const group = groupOf(table, fitted, name, toScreen, seen?.scale ?? 1);
+    const group = groupOf(table, fitted, name, toScreen, seen?.scale ?? 1, shape && table === shape.table ? marks.get(shape.name) : []);
     if (shape) {
       group.addEventListener("pointerdown", (event) => {
         event.stopPropagation();
@@ -246,8 +260,8 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }
   function draw() {
     if (!seen) return;
     const all = shapes();
-    const made = all.map((one, i) => drawn(held && one.id === chosen && draft ? draft : one.table, one.fitted,
-      `${one.what === "step" ? (one.keep ? "keep" : "exclude") : `section-${i % MOST_LINES}`}${one.id === chosen ? " chosen" : ""}`, one));
+    const made = all.map((one) => drawn(held && one.id === chosen && draft ? draft : one.table, one.fitted,
+      `${one.what === "step" ? (one.keep ? "keep" : "exclude") : `section-${one.index % MOST_LINES}`}${one.id === chosen ? " chosen" : ""}`, one));
     if (draft && !held) made.push(drawn(draft, null, "draft", null));
     svg.replaceChildren(...made);
     drawGrips(all.find((one) => one.id === chosen));
@@ -308,7 +322,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }
   function drawList() {
     const shape = current();
     const had = /** @type {HTMLElement | null} */ (document.activeElement)?.dataset?.shape;
-    list.replaceChildren(...shapes().map((one, i) => chipOf(one, i % MOST_LINES, one.id === chosen, choose)), ...(shape ? fieldsOf(shape, change) : []));
+    list.replaceChildren(...shapes().map((one) => chipOf(one, one.index % MOST_LINES, one.id === chosen, choose)), ...(shape ? fieldsOf(shape, change) : []));
     list.hidden = !list.childElementCount;
     if (had) /** @type {HTMLElement | null} */ (list.querySelector(`[data-shape="${had}"]`))?.focus();
   }
@@ -338,12 +352,13 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }
     /** What the full pass and the picture say. @param {Dict} header */
     learn(header) {
       for (const one of header.stages ?? []) if (one.centre) centres.set(one.index, one.centre);
+      if (header.rows && !header.is_preview) marks = marksOf(header.rows);
       if (header.pixel) setPixel(step = Math.min(...header.pixel));
       draw();
     },
     reset() {
       [tool, chosen, pen, draft, held, step] = ["", "", [], null, "", 0];
-      centres = new Map();
+      [centres, marks] = [new Map(), new Map()];
       pad.hidden = true;
     },
   };

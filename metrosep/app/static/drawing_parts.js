@@ -16,10 +16,14 @@ export const TOOLS = [
   ["B", "brush", "Brush: draw; the wheel changes its radius"],
   ["A", "section", "Section: drag from A to B; with Shift along 0, 45 or 90 degrees"],
   ["G", "round", "Round section: drag from its centre"],
+  ["T", "step", "Step height: drag across its edge; again for a groove or ridge: drag from edge to edge; with Shift along 0, 45 or 90 degrees"],
+  ["M", "extremes", "Peak and valley: drag from the centre of the circle that is searched"],
   ["D", "distance", "Distance: click two points, then Enter; a third makes an angle, with Shift a circle"],
 ];
 /** What sections are called, with a number. */
-const NAMES = /** @type {Dict} */ ({ line: "line", circle: "round", distance: "distance", angle: "angle", circle3: "circle" });
+const NAMES = /** @type {Dict} */ ({ line: "line", circle: "round", distance: "distance", angle: "angle", circle3: "circle", step: "step", groove: "groove", extremes: "spot" });
+/** Tools that a second press of their key turns into another. */
+export const SECOND = /** @type {Record<string, string>} */ ({ circle: "ring", step: "groove" });
 
 /** @param {Dict[]} sections @param {string} kind */
 export function nextName(sections, kind) {
@@ -80,9 +84,9 @@ export function fillBar(bar, act) {
 export function drawBar(bar, tool, keep) {
   for (const button of bar.querySelectorAll("button")) {
     const name = button.dataset.tool ?? "";
-    button.setAttribute("aria-pressed", String(name === "keep" ? keep : name === tool || (name === "circle" && tool === "ring")));
+    button.setAttribute("aria-pressed", String(name === "keep" ? keep : name === tool || (tool && SECOND[name] === tool)));
     if (name === "keep") button.textContent = keep ? "keep inside" : "exclude";
-    if (name === "circle") button.textContent = tool === "ring" ? "ring" : "circle";
+    if (name in SECOND) button.textContent = tool === SECOND[name] ? tool : name;
   }
 }
 
@@ -99,16 +103,22 @@ export function chipOf(one, colour, isChosen, choose) {
   return chip;
 }
 
+/** Keys of a shape that are chosen. @type {Record<string, string[]>} */
+const CHOICES = { bottom: ["flat", "round"] };
+
 /** What may be typed of a shape. @param {Shape} shape @param {(shape: Shape, table: Dict) => void} change */
 export function fieldsOf(shape, change) {
   const { points, ...plain } = shape.table;
   const rows = Object.entries(plain).filter(([k]) => !["shape", "kind", "harmonics"].includes(k));
   if (shape.table.kind === "line" && !plain.width) rows.push(["width", ""]);
+  if (shape.table.kind === "groove" && !plain.bottom) rows.push(["bottom", "flat"]);
   if (shape.table.shape === "rectangle" && !plain.angle) rows.push(["angle", "0 deg"]);
   const each = points && points.length <= 12 ? points.map((/** @type {any} */ p, /** @type {number} */ i) => [i, p]) : [];
   return [...rows, ...each].map(([k, value]) => {
     const label = document.createElement("label");
-    const input = document.createElement("input");
+    const choices = CHOICES[String(k)];
+    const input = document.createElement(choices ? "select" : "input");
+    if (input instanceof HTMLSelectElement) for (const one of choices) input.add(new Option(one, one));
     label.append(typeof k === "number" ? `corner ${k + 1}` : String(k).replaceAll("_", " "), input);
     label.className = "draw-field";
     input.value = Array.isArray(value) ? value.join(", ") : String(value);
@@ -138,11 +148,17 @@ export function node(name, keys) {
  * @param {string} name class
  * @param {(p: Point) => number[]} toScreen
  * @param {number} scale m for a pixel of the screen
+ * @param {[Point, number][]} marks peaks (1: the tip points down to it) and valleys (-1)
  */
-export function groupOf(table, fitted, name, toScreen, scale) {
+export function groupOf(table, fitted, name, toScreen, scale, marks = []) {
   const { circles, lines } = outline(table, fitted);
   const group = node("g", { class: `draw-shape ${name}` });
   const both = (/** @type {string} */ tag, /** @type {Dict} */ keys) => group.append(node(tag, { ...keys, class: "under" }), node(tag, { ...keys, class: "over" }));
+  for (const [p, sign] of marks) {
+    const [x, y] = toScreen(p);
+    const d = 7 * sign;
+    if (Number.isFinite(x)) both("polygon", { points: `${x},${y} ${x - 6},${y - d * 1.6} ${x + 6},${y - d * 1.6}`, class: "mark" });
+  }
   for (const { c, r } of circles) {
     const [cx, cy] = toScreen(c);
     if (Number.isFinite(cx)) both("circle", { cx, cy, r: r / scale });

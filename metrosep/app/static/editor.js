@@ -1,12 +1,29 @@
 // @ts-check
 // The form of a step, made from its schema: a new kind of step gets its form for nothing.
 
+import { makeForms } from "./forms.js";
+
 /** @typedef {Record<string, any>} Dict */
 
 let serial = 0;
 
 /** How the words of a key begin that only some methods know. */
 const ONLY = /^([\w ]+) only: /;
+
+/** Menus of the server: forms, and the keys of each filter. @type {Dict} */
+let menus = { forms: [], filters: {} };
+/** @param {Dict} given */
+export const takeMenus = (given) => void (menus = given);
+
+/** Forms stand in the recipe as a text; here they are chosen. @param {Dict} key */
+const isForm = (key) => key.name === "form" && key.kind === "text" && key.required && menus.forms.length > 0;
+
+/**
+ * Return the keys of a filter that its kind does not know, of those that are given.
+ * @param {string} kind
+ * @param {Dict} values
+ */
+export const strayKeys = (kind, values) => Object.keys(values).filter((k) => k !== "kind" && menus.filters[kind] && !menus.filters[kind].includes(k));
 
 /**
  * Return the editor of a step.
@@ -18,7 +35,9 @@ const ONLY = /^([\w ]+) only: /;
 export function makeEditor(keys, values, changed) {
   const el = document.createElement("div");
   el.className = "editor";
-  const known = keys.filter((key) => key.name !== "enabled");
+  const isFilter = keys.some((key) => key.name === "lambda_s");
+  const ofKind = isFilter ? menus.filters[values.kind ?? "gaussian"] : null;
+  const known = keys.filter((key) => key.name !== "enabled" && (!ofKind || key.name === "kind" || ofKind.includes(key.name) || key.name in values));
   const method = known.find((key) => key.name === "method");
   const own = method && known.some((key) => ONLY.test(key.help ?? "")) ? ofMethod(known, String(values.method ?? method.default ?? "")) : [];
   const first = known.filter((key) => key.required || key.name in values || own.includes(key));
@@ -72,6 +91,10 @@ function addField(el, key, value, changed) {
       });
     }
     el.append(group);
+    return;
+  }
+  if (isForm(key)) {
+    el.append(makeForms(menus.forms, String(value ?? ""), changed));
     return;
   }
   const id = `field-${(serial += 1)}`;

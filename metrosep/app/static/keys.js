@@ -10,12 +10,14 @@ export const KEYS = [
   ["F", "show all of the map or profile"],
   ["C X P L B", "draw a circle or ring, rectangle, polygon, free-hand shape, brush"],
   ["A G D", "draw a section, a round section, a distance or angle"],
+  ["T M", "a step height or groove, a peak and valley"],
   ["N", "keep or exclude what is drawn"],
   ["Del", "delete the chosen shape, or the corner that has the focus"],
   ["Ctrl+C Ctrl+V", "copy the chosen shape"],
   ["H", "hill-shade"],
   ["V", "the map in three dimensions; arrows turn it, page keys change its height scale"],
   ["Z", "undo; with Shift redo"],
+  ["Alt+←→", "back and forward through what was looked at"],
   ["O", "open"],
   ["S", "save the recipe"],
   ["E", "export the result"],
@@ -33,10 +35,15 @@ export const KEYS = [
 export function listenToKeys(acts, goTo, first) {
   document.addEventListener("keydown", (event) => {
     const target = /** @type {HTMLElement} */ (event.target);
-    if (event.defaultPrevented || event.altKey || document.querySelector("dialog[open]")) return;
+    if (event.defaultPrevented || document.querySelector("dialog[open]")) return;
     const control = event.ctrlKey || event.metaKey;
     const typing = target.matches("input:not([type=checkbox]):not([type=radio]), textarea, select");
     if (typing) return;
+    if (event.altKey) {
+      const act = acts[`alt+${event.key.toLowerCase()}`];
+      if (act) event.preventDefault(), act();
+      return;
+    }
     if (first(event)) {
       event.preventDefault();
       return;

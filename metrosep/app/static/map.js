@@ -2,8 +2,9 @@
 // The map: canvas with square pixels, wheel to zoom, drag to pan, a section from A to B.
 //
 // Traits: index, shade (bytes), shape [h, w], window and extent [x0, y0, x1, y1], range [low, high],
-// unit, colours; a, b [x, y] and moving (written here); view {window, pixels} (written here: what is
-// wished to be seen).
+// unit, colours; a, b [x, y] and moving (written here); view {window, pixels, fitted} (written here: what is
+// wished to be seen); goto, a window to be shown again;
+// cursor [x, y] or null (written here), linked: the cursor of a map beside this one.
 
 import { painted } from "./colours.js";
 import { si } from "./format.js";
@@ -34,7 +35,10 @@ function render({ model, el }) {
   read.className = "readout map-readout";
   const ruler = document.createElement("div");
   ruler.className = "map-ruler";
-  el.replaceChildren(canvas, line, read, ruler);
+  const cross = document.createElement("div");
+  cross.className = "map-cross";
+  cross.hidden = true;
+  el.replaceChildren(canvas, line, read, ruler, cross);
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
 
   // What is seen: its centre in m, and m per CSS pixel.
@@ -124,6 +128,7 @@ function render({ model, el }) {
     const ratio = window.devicePixelRatio || 1;
     model.set("view", {
       window: [x0, y0, x1, y1],
+      fitted,
       pixels: [Math.max(1, Math.round(size[0] * ratio)), Math.max(1, Math.round(size[1] * ratio))],
     });
     model.save_changes();
@@ -215,6 +220,7 @@ function render({ model, el }) {
   });
   canvas.addEventListener("pointermove", (event) => {
     const [x, y] = at(event);
+    if (scale > 0) model.set("cursor", toMap(x, y));
     tell(x, y);
     if (!drag) return;
     if (drag.draws) {
@@ -231,6 +237,17 @@ function render({ model, el }) {
   });
   canvas.addEventListener("pointerleave", () => {
     read.textContent = "";
+    model.set("cursor", null);
+  });
+  model.on("change:linked", () => {
+    const place = model.get("linked");
+    cross.hidden = !place || !(scale > 0);
+    if (cross.hidden) read.textContent = "";
+    else {
+      const [x, y] = toScreen(place);
+      cross.style.transform = `translate(${x.toFixed(2)}px, ${y.toFixed(2)}px)`;
+      tell(x, y);
+    }
   });
   canvas.addEventListener("dblclick", () => {
     fit();
@@ -284,6 +301,13 @@ function render({ model, el }) {
   model.on("change:extent", () => {
     if (!fitted && scale > 0) return;
     fit();
+    wish();
+  });
+  model.on("change:goto", () => {
+    const [x0, y0, x1, y1] = model.get("goto");
+    centre = [(x0 + x1) / 2, (y0 + y1) / 2];
+    scale = Math.max((x1 - x0) / size[0], (y1 - y0) / size[1]);
+    fitted = false;
     wish();
   });
   model.on("change:fit", () => {

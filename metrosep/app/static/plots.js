@@ -80,6 +80,33 @@ export function frame(el, names = ["readout", "plot-empty"]) {
 }
 
 /**
+ * Return curves with x of their own as one set of columns: a curve goes on where another has a point, and
+ * its gaps stay gaps.
+ * @param {any[][]} tables
+ * @returns {any[][]}
+ */
+export const joined = (tables) => uPlot.join(tables);
+
+/**
+ * Return which of rising values is nearest; -1 beyond the ends by more than a step.
+ * @param {number[]} x
+ * @param {number} at
+ */
+export function nearest(x, at) {
+  const n = x.length;
+  if (!n || !Number.isFinite(at)) return -1;
+  let [low, high] = [0, n - 1];
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (x[middle] < at) low = middle;
+    else high = middle;
+  }
+  const step = n > 1 ? (x[n - 1] - x[0]) / (n - 1) : 0;
+  if (at < x[0] - step || at > x[n - 1] + step) return -1;
+  return at - x[low] < x[high] - at ? low : high;
+}
+
+/**
  * Return the options of a plot whose part that is shown is the trait `window`: [x0, x1] or null.
  * @param {import("./wire.js").Model} model
  */
@@ -151,7 +178,7 @@ export function makePlot(el, options) {
     (/** @type {any} */ u, /** @type {number[]} */ splits) => {
       const { min, max } = u.scales[key];
       const [factor, name] = scaleFor(Math.max(Math.abs(min ?? 0), Math.abs(max ?? 0)), unit());
-      label.textContent = name;
+      label.textContent = key === "y" && options.yName ? options.yName : name;
       return ticks(splits, factor);
     };
   const logarithmic = (/** @type {() => string} */ unit) =>

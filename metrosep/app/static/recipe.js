@@ -73,6 +73,20 @@ function near(length) {
 }
 
 /**
+ * Return the key and value of the length that a kind of filter needs, of one that had another.
+ * @param {string} kind
+ * @param {Dict} before
+ * @param {string} usual
+ * @returns {[string, string] | null}
+ */
+export function ownSize(kind, before, usual) {
+  const length = before.lambda_c ?? before.cutoff ?? before.lambda_s ?? before.radius ?? before.length ?? usual;
+  if (kind === "gaussian") return before.lambda_c || before.lambda_s || before.cutoff ? null : ["lambda_c", length];
+  if (kind === "closing" || kind === "opening") return before.radius || before.length ? null : ["radius", length];
+  return before.cutoff ? null : ["cutoff", length];
+}
+
+/**
  * Return a step to begin with.
  * @param {string} op
  * @param {string} kind map or profile

@@ -8,7 +8,7 @@ import { si } from "./format.js";
 /** @typedef {Record<string, any>} Dict */
 
 const MISSING = -3e38;
-const SLOW_MS = 100;
+const SLOW_MS = 33;
 const COMMON = `#version 300 es
 precision highp float; precision highp int;
 uniform highp sampler2D heights; uniform ivec2 size; uniform int stride; uniform mat3 turn; uniform vec4 view; uniform vec3 unit;
@@ -65,7 +65,7 @@ export function makeRelief(el, { table, lines }) {
   const sentence = document.createElement("p");
   sentence.className = "plot-empty";
   el.replaceChildren(canvas, axes, words, sentence);
-  const context = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
+  const context = canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true });
   /** @type {Dict | null} */
   let data = null;
   /** @type {Dict | null} */
@@ -75,6 +75,7 @@ export function makeRelief(el, { table, lines }) {
   let frames = 0;
   let waiting = 0;
   let moving = 0;
+  let full = [0, 0]; // pixels of the picture at rest
   /** @type {(WebGLTexture | null)[]} */
   let textures = [null, null];
   if (!context) sentence.textContent = "This browser has no WebGL2, so that there is no view in three dimensions; map and numbers go on.";
@@ -123,7 +124,11 @@ export function makeRelief(el, { table, lines }) {
 
   function draw() {
     waiting = 0;
-    if (!context || !data || !made || context.isContextLost() || !canvas.width) return;
+    if (!context || !data || !made || context.isContextLost() || !full[0]) return;
+    // where a frame is slow, half of the pixels along each side serve while the hand moves
+    const part = moving && coarse >= 4 ? 0.5 : 1;
+    const [width, height] = full.map((v) => Math.max(1, Math.round(part * v)));
+    if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
     const gl = context;
     const began = performance.now();
     const [unit, m] = [2 / wide(), turn()];
@@ -159,7 +164,7 @@ export function makeRelief(el, { table, lines }) {
     }
     gl.finish();
     const took = performance.now() - began;
-    if (moving && took > SLOW_MS) coarse = Math.min(4, coarse * 2);
+    if (moving && took > SLOW_MS) coarse = Math.min(8, coarse * 2);
     drawAxes(m, view, unit);
     frames += 1;
     canvas.dataset.frames = String(frames);
@@ -170,7 +175,8 @@ export function makeRelief(el, { table, lines }) {
   /** The box around the map, with the numbers of its edges. */
   function drawAxes(/** @type {number[]} */ m, /** @type {number[]} */ view, /** @type {number} */ unit) {
     const pen = /** @type {CanvasRenderingContext2D} */ (axes.getContext("2d"));
-    [axes.width, axes.height] = [canvas.width, canvas.height];
+    if (axes.width !== full[0] || axes.height !== full[1]) [axes.width, axes.height] = full;
+    else pen.clearRect(0, 0, axes.width, axes.height);
     if (!data) return;
     const ratio = window.devicePixelRatio || 1;
     const half = [0, 1].map((k) => (data?.step[k] * (data?.size[k] - 1) * unit) / 2);
@@ -250,7 +256,7 @@ export function makeRelief(el, { table, lines }) {
   });
   const watcher = new ResizeObserver(() => {
     const ratio = window.devicePixelRatio || 1;
-    [canvas.width, canvas.height] = [Math.round(el.clientWidth * ratio), Math.round(el.clientHeight * ratio)];
+    full = [Math.round(el.clientWidth * ratio), Math.round(el.clientHeight * ratio)];
     wish();
   });
   watcher.observe(el);

@@ -1,18 +1,26 @@
 // @ts-check
 // The section from A to B: extremes of each pixel column, two cursors with their differences.
 //
+// `others` are the curves of the sections in the recipe, [{name, index, x, low, high}], each in its colour.
+//
 // Traits: distance, low, high (arrays, NaN is a gap), length, pv, sq, share_valid, unit, is_preview,
 // message; cursors [0..1, 0..1], parts of the length (written here).
 
 import { si, spanned } from "./format.js";
-import { frame, gapped, ink, makePlot, pointedAt, uprightHandle } from "./plots.js";
+import { frame, gapped, ink, joined, makePlot, nearest, pointedAt, uprightHandle } from "./plots.js";
 import { typed } from "./wire.js";
 
 /** @typedef {import("./wire.js").Model} Model */
 
+const MOST = 8;
+const NOTHING = [[0], [null], [null]];
+
 /** @param {{ model: Model, el: HTMLElement }} given */
 function render({ model, el }) {
-  const [read, words] = frame(el);
+  const [read, words, names] = frame(el, ["readout", "plot-empty", "plot-names"]);
+  /** @type {any[][]} distance, least and greatest height from A to B */
+  let own = [[], [], []];
+  const hidden = /** @type {Set<string>} */ (new Set());
   let shown = model.get("cursors") ?? [0.25, 0.75];
   let pointed = "";
   const unit = () => model.get("unit") ?? "m";
@@ -22,14 +30,20 @@ function render({ model, el }) {
     title: "Section: height over the distance from A to B",
     xUnit: unit,
     series: [
-      { stroke: () => ink("--line"), width: 1.25 },
-      { stroke: () => ink("--line"), width: 1.25 },
+      ...[0, 1].map(() => ({ stroke: () => ink("--line"), width: 1.25 })),
+      ...Array.from({ length: 2 * MOST }, (_, i) => ({ stroke: () => ink(`--curve-${i >> 1}`), width: 1.5 })),
     ],
-    bands: [{ series: [2, 1], fill: () => ink("--line") }],
+    bands: [{ series: [2, 1], fill: () => ink("--line") },
+      ...Array.from({ length: MOST }, (_, k) => ({ series: /** @type {[number, number]} */ ([2 * k + 4, 2 * k + 3]), fill: () => ink(`--curve-${k}`) }))],
     placed: follow,
     pointed(u) {
       const i = pointedAt(u);
-      pointed = i < 0 ? "" : `${si(u.data[0][i], unit())}: ${spanned(u.data[1][i], u.data[2][i])}`;
+      const x = i < 0 ? NaN : u.data[0][i];
+      const at = (/** @type {any[][]} */ curve, name = "") => {
+        const k = nearest(curve[0], x);
+        return k < 0 ? [] : [`${name}${spanned(curve[1][k], curve[2][k])}`];
+      };
+      pointed = i < 0 ? "" : `${si(x, unit())}: ${[...at(own), ...others().flatMap((one) => at(one.curve, `${one.name} `))].join("   ")}`;
       tell();
     },
   });
@@ -47,12 +61,13 @@ function render({ model, el }) {
     },
   }));
 
+  /** Curves of the recipe that are shown. @returns {{ name: string, index: number, curve: any[][] }[]} */
+  const others = () => (model.get("others") ?? []).filter((/** @type {any} */ one) => !hidden.has(one.name));
+
   /** Height at a part of the length: middle of the column there, null in a gap. */
   function heightAt(/** @type {number} */ part) {
-    const x = plot.u.data[0];
-    if (!x.length) return null;
-    const at = plot.u.valToIdx(part * length());
-    const [low, high] = [plot.u.data[1][at], plot.u.data[2][at]];
+    const at = nearest(own[0], part * length());
+    const [low, high] = [own[1][at], own[2][at]];
     return low === null || low === undefined ? null : (low + high) / 2;
   }
 
@@ -82,13 +97,31 @@ function render({ model, el }) {
   function update() {
     words.textContent = model.get("message") ?? "";
     const x = typed(model.get("distance"), Float64Array);
-    plot.put(x
-      ? [Array.from(x), gapped(typed(model.get("low"), Float32Array)), gapped(typed(model.get("high"), Float32Array))]
-      : [[], [], []]);
+    own = x ? [Array.from(x), gapped(typed(model.get("low"), Float32Array)), gapped(typed(model.get("high"), Float32Array))] : [[], [], []];
+    const shown = others();
+    const curves = Array.from({ length: MOST }, (_, k) => shown.find((one) => one.index % MOST === k)?.curve);
+    if (!shown.length) plot.put([...own, ...curves.flatMap(() => [own[0].map(() => null), own[0].map(() => null)])]);
+    else plot.put(joined([own, ...curves.map((one) => one ?? NOTHING)]));
+    names.replaceChildren(...(model.get("others") ?? []).map(nameOf));
     tell();
   }
 
-  model.on("change:distance change:message", update);
+  /** A name that shows and hides its curve. */
+  function nameOf(/** @type {{ name: string, index: number }} */ one) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = one.name;
+    button.style.setProperty("--own", `var(--curve-${one.index % MOST})`);
+    button.setAttribute("aria-pressed", String(!hidden.has(one.name)));
+    button.addEventListener("click", () => {
+      if (!hidden.delete(one.name)) hidden.add(one.name);
+      update();
+      /** @type {HTMLElement | undefined} */ ([...names.children].find((el_) => el_.textContent === one.name))?.focus();
+    });
+    return button;
+  }
+
+  model.on("change:distance change:message change:others", update);
   update();
   return () => plot.destroy();
 }

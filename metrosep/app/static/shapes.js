@@ -51,6 +51,9 @@ const between = (/** @type {Point} */ p, /** @type {Point} */ q) => /** @type {P
 /** What is drawn: shape of an aperture, or kind of a section. @param {Dict} t */
 export const kindOf = (t) => String(t.shape ?? t.kind ?? "circle");
 
+/** @param {Dict} t */
+const isRound = (t) => ["circle", "ring", "extremes"].includes(kindOf(t));
+
 /** @param {Dict} t @param {Point | null} fitted where centre = "fit" was found */
 export function centreOf(t, fitted = null) {
   if (t.centre === undefined || t.centre === "fit") return fitted ?? /** @type {Point} */ ([NaN, NaN]);
@@ -75,7 +78,7 @@ function turned(/** @type {Dict} */ t, /** @type {Point} */ c) {
 export function outline(t, fitted = null) {
   const kind = kindOf(t);
   const c = centreOf(t, fitted);
-  if (kind === "circle" || kind === "ring") {
+  if (isRound(t)) {
     const sizes = "radius" in t ? [2 * metres(t.radius)] : [metres(t.diameter), metres(t.inner_diameter)];
     return { circles: sizes.filter((d) => d > 0).map((d) => ({ c, r: d / 2 })), lines: [] };
   }
@@ -88,8 +91,20 @@ export function outline(t, fitted = null) {
     const found = through(points);
     return { circles: found ? [found] : [], lines: [] };
   }
+  if (kind === "step" || kind === "groove") return { circles: [], lines: facesOf(t, points) };
   const width = kind === "brush" ? 2 * metres(t.radius) : kind === "line" && t.width ? metres(t.width) : undefined;
   return { circles: [], lines: [{ points, closed: kind === "polygon", width }] };
+}
+
+/** The parts of a band whose heights are fitted: thirds of a step; of a groove its bottom and faces. @param {Dict} t @param {Point[]} points */
+function facesOf(t, [a, b]) {
+  const [m, length, half] = [between(a, b), away(a, b) || 1, metres(t.width) / 2];
+  const [u, v] = [(b[0] - a[0]) / length, (b[1] - a[1]) / length];
+  const at = (/** @type {number} */ along, /** @type {number} */ across) => plus(m, u * along * length - v * across, v * along * length + u * across);
+  const reach = kindOf(t) === "step" ? 1 / 2 : 3 / 2;
+  const parts = kindOf(t) === "step" ? [[-1 / 2, -1 / 6], [1 / 6, 1 / 2]] : [[-3 / 2, -5 / 6], [-1 / 6, 1 / 6], [5 / 6, 3 / 2]];
+  return [{ points: [at(-reach, 0), at(reach, 0)], closed: false },
+    ...parts.map(([p, q]) => ({ points: [at(p, -half), at(q, -half), at(q, half), at(p, half)], closed: true }))];
 }
 
 /** @param {Point[]} points three @returns {{ c: Point, r: number } | null} */
@@ -105,9 +120,9 @@ function through([a, b, c]) {
 
 /** Where a shape is held to be moved. @param {Dict} t @param {Point | null} fitted @returns {Point} */
 function middle(t, fitted) {
-  if (["circle", "ring", "rectangle"].includes(kindOf(t))) return centreOf(t, fitted);
+  if (isRound(t) || kindOf(t) === "rectangle") return centreOf(t, fitted);
   const points = corners(t);
-  if (kindOf(t) === "line" || kindOf(t) === "distance") return between(points[0], points[1]);
+  if (["line", "distance", "step", "groove"].includes(kindOf(t))) return between(points[0], points[1]);
   const sum = points.reduce((s, p) => plus(s, p[0], p[1]), /** @type {Point} */ ([0, 0]));
   return [sum[0] / points.length, sum[1] / points.length];
 }
@@ -121,8 +136,8 @@ function middle(t, fitted) {
 export function gripsOf(t, fitted = null) {
   const kind = kindOf(t);
   const m = middle(t, fitted);
-  const grips = [{ key: "move", at: m, label: kind === "circle" || kind === "ring" || kind === "rectangle" ? "centre" : "whole" }];
-  if (kind === "circle" || kind === "ring") {
+  const grips = [{ key: "move", at: m, label: isRound(t) || kind === "rectangle" ? "centre" : "whole" }];
+  if (isRound(t)) {
     grips.push({ key: "radius", at: plus(m, "radius" in t ? metres(t.radius) : metres(t.diameter) / 2, 0), label: "radius" });
     if (kind === "ring") grips.push({ key: "inner", at: plus(m, 0, metres(t.inner_diameter) / 2), label: "inner radius" });
   } else if (kind === "rectangle") {
@@ -130,7 +145,7 @@ export function gripsOf(t, fitted = null) {
     grips.push({ key: "corner", at: at(w, h), label: "corner" }, { key: "turn", at: at(w, 0), label: "angle" });
   } else {
     corners(t).forEach((p, i) => grips.push({ key: `point ${i}`, at: p, label: t.points ? `corner ${i + 1}` : "ABC"[i] }));
-    if (kind === "line" && t.width) grips.push({ key: "width", at: beside(t), label: "width" });
+    if (["line", "step", "groove"].includes(kind)) grips.push({ key: "width", at: beside(t), label: "width" });
     if (kind === "brush") grips.push({ key: "brush", at: plus(corners(t)[0], 0, metres(t.radius)), label: "radius" });
   }
   return grips;
@@ -140,7 +155,7 @@ export function gripsOf(t, fitted = null) {
 function beside(t) {
   const [a, b] = corners(t);
   const length = away(a, b) || 1;
-  const half = metres(t.width) / 2 / length;
+  const half = t.width ? metres(t.width) / 2 / length : 0.06; // a line without a band: pulled sideways it gets one
   return plus(between(a, b), -(b[1] - a[1]) * half, (b[0] - a[0]) * half);
 }
 
@@ -162,7 +177,7 @@ export function moved(t, key, p, fitted = null) {
   const m = middle(t, fitted);
   if (key === "move") {
     const [dx, dy] = [p[0] - m[0], p[1] - m[1]];
-    if (["circle", "ring", "rectangle"].includes(kindOf(t))) return { ...t, centre: "kind" in t ? pointText(p) : [written(p[0]), written(p[1])] };
+    if (isRound(t) || kindOf(t) === "rectangle") return { ...t, centre: "kind" in t ? pointText(p) : [written(p[0]), written(p[1])] };
     return corners(t).reduce((s, q, i) => withPoint(s, i, plus(q, dx, dy)), t);
   }
   if (key === "radius") return "radius" in t ? { ...t, radius: size(away(m, p)) } : { ...t, diameter: size(2 * away(m, p)) };
@@ -253,6 +268,7 @@ export function dragged(tool, a, b) {
   if (tool === "ring") return { shape: "ring", diameter: size(2 * r), inner_diameter: size(r), centre: centre(a) };
   if (tool === "rectangle") return w > 0 && h > 0 ? { shape: "rectangle", width: size(w), height: size(h), centre: centre(between(a, b)) } : null;
   if (tool === "section") return { kind: "line", a: pointText(a), b: pointText(b) };
-  if (tool === "round") return { kind: "circle", centre: pointText(a), radius: size(r) };
+  if (tool === "round" || tool === "extremes") return { kind: tool === "round" ? "circle" : tool, centre: pointText(a), radius: size(r) };
+  if (tool === "step" || tool === "groove") return { kind: tool, a: pointText(a), b: pointText(b), width: size(r / 2) };
   return null;
 }

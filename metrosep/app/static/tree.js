@@ -1,8 +1,8 @@
 // @ts-check
 // The steps: on and off, order, removal, addition, and the editor of the chosen one.
 
-import { makeEditor } from "./editor.js";
-import { freshStep, reordered, storedSteps, summary, switched } from "./recipe.js";
+import { makeEditor, strayKeys } from "./editor.js";
+import { freshStep, ownSize, reordered, storedSteps, summary, switched } from "./recipe.js";
 
 /** @typedef {Record<string, any>} Dict */
 
@@ -111,8 +111,16 @@ export function makeTree(el, { edit, choose, size }) {
     }
     if (chosen === i) {
       const keys = schema.find((one) => one.op === step.op)?.keys ?? [];
-      el_.append(makeEditor(keys, step.keys, (key, value) =>
-        edit([{ path: ["step", i, key], old: step.keys[key] ?? null, new: value }], `${step.op}: ${key}`)));
+      el_.append(makeEditor(keys, step.keys, (key, value) => {
+        const edits = [{ path: ["step", i, key], old: step.keys[key] ?? null, new: value }];
+        // another kind of filter does not know the keys of the one before, and needs a size of its own
+        for (const stray of step.op === "filter" && key === "kind" ? strayKeys(value ?? "gaussian", step.keys) : []) {
+          edits.push({ path: ["step", i, stray], old: step.keys[stray], new: null });
+        }
+        const own = edits.length > 1 ? ownSize(value ?? "gaussian", step.keys, freshStep("filter", session?.kind, size()).lambda_c) : null;
+        if (own) edits.push({ path: ["step", i, own[0]], old: null, new: own[1] });
+        edit(edits, `${step.op}: ${key}`);
+      }));
       for (const text of notes.get(i) ?? []) {
         const note = document.createElement("p");
         note.className = "note";
@@ -227,6 +235,12 @@ export function makeTree(el, { edit, choose, size }) {
     },
     get chosen() {
       return chosen;
+    },
+    /** Show a stage again. @param {number} stage */
+    go(stage) {
+      if (stage === chosen || stage >= (session?.steps.length ?? 0)) return;
+      chosen = stage;
+      draw();
     },
     reset() {
       chosen = -1;

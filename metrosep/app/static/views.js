@@ -3,10 +3,15 @@
 
 import colourbarWidget from "./colourbar.js";
 import densityWidget from "./density.js";
+import fourierWidget from "./fourier.js";
+import heightsWidget from "./heights.js";
+import polarWidget from "./polar.js";
+import { written } from "./shapes.js";
 import { download } from "./dialogs.js";
 import { si } from "./format.js";
 import mapWidget from "./map.js";
 import { makeRelief } from "./relief.js";
+import { gapped } from "./plots.js";
 import profileWidget from "./profile.js";
 import { bandOf, bandView, sectionOf, sectionView } from "./remember.js";
 import sectionWidget from "./section.js";
@@ -28,9 +33,10 @@ import { makeModel, Refusal, Superseded } from "./wire.js";
  * @param {(error: unknown) => void} options.failed
  * @param {(view: Dict) => void} options.shown told what is to be remembered of the view
  * @param {() => number[][]} options.lines ends of sections
+ * @param {(step: Dict, label: string) => void} options.insert a step
  * @param {(header: Dict) => void} options.learn told what a picture of the map says of it
  */
-export function makeViews({ wire, level, stage, kind, judged, failed, shown, learn, lines }) {
+export function makeViews({ wire, level, stage, kind, judged, failed, shown, learn, lines, insert }) {
   const el = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
   let shade = false;
   let placed = false;
@@ -51,7 +57,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       shown(sectionView([map.get("a"), map.get("b")], map.get("unit") ?? "m"));
     }
   });
-  const section = makeModel({ cursors: [0.25, 0.75] });
+  const section = makeModel({ cursors: [0.25, 0.75], others: [] });
   const spectrum = makeModel({ band: null }, (changes) => {
     if ("band" in changes) {
       askSpectrum();
@@ -59,6 +65,9 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     }
   });
   const density = makeModel({});
+  const heights = makeModel({ at: null }, (changes) => "at" in changes && askHeights());
+  const waves = makeModel({ ring: null, colours: localStorage.getItem("colours") ?? "viridis" });
+  const polar = makeModel({ rounds: [] });
   const profile = makeModel({ shown: "residual", window: null }, (changes) => {
     if ("window" in changes) askProfile();
   });
@@ -67,6 +76,9 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
   sectionWidget.render({ model: section, el: el("section") });
   spectrumWidget.render({ model: spectrum, el: el("spectrum") });
   densityWidget.render({ model: density, el: el("density") });
+  heightsWidget.render({ model: heights, el: el("heights") });
+  fourierWidget.render({ model: waves, el: el("waves2d"), act: insert, text: written });
+  polarWidget.render({ model: polar, el: el("polar") });
   profileWidget.render({ model: profile, el: el("profile") });
 
   /** @type {ReturnType<typeof makeRelief> | null} */
@@ -163,6 +175,72 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     }
   }
 
+  /** The curves of the sections in the recipe. */
+  async function askSections(/** @type {Level} */ at = level()) {
+    if (kind() !== "map") return;
+    const mine = epoch;
+    try {
+      const { header, arrays } = await wire.ask("sections", { stage: stage(), level: at, columns: Math.max(100, el("section").clientWidth - 70) });
+      if (mine !== epoch) return;
+      const others = header.curves.map((/** @type {Dict} */ one) => ({ ...one,
+        curve: [Array.from(arrays[`${one.index}_x`]), gapped(arrays[`${one.index}_low`]), gapped(arrays[`${one.index}_high`])] }));
+      section.put({ others });
+      polar.put({ is_preview: header.is_preview, rounds: others.filter((/** @type {Dict} */ one) => one.kind === "circle") });
+    } catch (error) {
+      refused(error, () => section.put({ others: [] }));
+    }
+  }
+
+  /** How the heights are shared out, where that is shown. */
+  async function askHeights(/** @type {Level} */ at = level()) {
+    if (lower() !== "heights") return;
+    const mine = epoch;
+    try {
+      const { header, arrays } = await wire.ask("heights", { stage: stage(), level: at, at: heights.get("at") });
+      if (mine !== epoch) return;
+      heights.put({ edges: arrays.edges, shares: arrays.shares, curve: arrays.curve, is_preview: header.is_preview, message: "" });
+      if (!heights.get("at")) heights.put({ at: header.at });
+      heights.put({ of: header.at, ratios: header.ratios, heights: arrays.heights });
+      counted("spectrum");
+    } catch (error) {
+      refused(error, (text) => heights.put({ edges: null, shares: null, curve: null, ratios: null, message: text, heights: null }));
+    }
+  }
+
+  /** The waves in all directions, where they are shown. */
+  async function askWaves(/** @type {Level} */ at = level()) {
+    if (lower() !== "waves2d" || kind() !== "map") return;
+    const mine = epoch;
+    try {
+      const { header, arrays } = await wire.ask("waves2d", { stage: stage(), level: at });
+      if (mine !== epoch) return;
+      const [short, long] = [2.2 / Math.max(header.window[2], header.window[3]), 8 / header.window[2]];
+      if (!waves.get("ring")) waves.put({ ring: [2 * short, Math.max(long, 4 * short)] });
+      waves.put({ shape: arrays.index.shape, window: header.window, amplitude: header.amplitude, decades: header.decades,
+        peak: header.peak, notes: header.notes, is_preview: header.is_preview, message: "", index: arrays.index });
+      counted("spectrum");
+    } catch (error) {
+      refused(error, (text) => waves.put({ index: null, message: text }));
+    }
+  }
+
+  /** What stands in the lower panel: along the section, or of the whole map. */
+  const choice = /** @type {HTMLSelectElement} */ (el("lower"));
+  const lower = () => (kind() === "map" || choice.value === "heights" ? choice.value : "line");
+  function drawLower() {
+    for (const option of choice.options) option.hidden = kind() !== "map" && ["waves2d", "polar"].includes(option.value);
+    for (const id of ["heights", "waves2d", "polar"]) el(id).hidden = lower() !== id;
+    for (const id of ["spectrum", "density"]) el(id).hidden = lower() !== "line" || (id === "density") !== judged();
+    el("spectrum-of").hidden = lower() !== "line";
+    el("spectrum-title").textContent = { heights: "Distribution of heights", waves2d: "Waves in all directions", polar: "Round sections" }[lower()]
+      ?? (judged() ? "Power spectral density" : "Amplitude against wavelength");
+  }
+  choice.addEventListener("change", () => {
+    drawLower();
+    shown({ lower: choice.value });
+    Promise.all([askHeights(), askWaves(), askSpectrum()]);
+  });
+
   /** Density and limit of the step that is shown; it stands where the amplitudes stand. */
   async function askDensity(/** @type {Level} */ at) {
     const mine = epoch;
@@ -183,11 +261,9 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
 
   async function askSpectrum(/** @type {Level} */ at = level()) {
     const of = kind();
-    const isJudged = judged();
-    el("spectrum").hidden = isJudged;
-    el("density").hidden = !isJudged;
-    el("spectrum-title").textContent = isJudged ? "Power spectral density" : "Amplitude against wavelength";
-    if (isJudged) {
+    drawLower();
+    if (lower() !== "line") return;
+    if (judged()) {
       await askDensity(at);
       return;
     }
@@ -248,7 +324,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     /** @param {Level} [at] */
     async show(at) {
       await Promise.all([askMap(at), askProfile(at), askRelief(at)]);
-      await Promise.all([askSection(at), askSpectrum(at)]);
+      await Promise.all([askSection(at), askSections(at), askSpectrum(at), askHeights(at), askWaves(at)]);
     },
     /** Another file: begin anew, with what its recipe holds of the view. @param {Dict} view */
     reset(view = {}) {
@@ -259,10 +335,37 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       placed = false;
       epoch += 1;
       map.put({ index: null, shape: null, extent: null, limits: null, auto_range: null, a: null, b: null, view: map.get("view") });
-      section.put({ distance: null, length: null, message: "" });
+      section.put({ distance: null, length: null, message: "", others: [] });
       spectrum.put({ wavelength: null, band: null, message: "" });
       density.put({ wavelength: null, words: "", message: "" });
+      heights.put({ at: null, ratios: null, edges: null, shares: null, curve: null, message: "", heights: null });
+      waves.put({ ring: null, index: null, message: "" });
+      polar.put({ rounds: [] });
+      choice.value = [...choice.options].some((one) => one.value === kept.lower) ? kept.lower : "line";
       profile.put({ series: {}, window: null, message: "" });
+    },
+    /** What is looked at, for the way back; null while there is no picture yet. @returns {Dict | null} */
+    looked() {
+      if (kind() === "profile") return { window: profile.get("window"), band: spectrum.get("band"), lower: choice.value, measured: profile.get("shown") };
+      const view = map.get("view");
+      if (!placed || !view || !spectrum.get("wavelength")) return null;
+      return { window: view.fitted ? null : view.window, limits: map.get("limits"), a: map.get("a"), b: map.get("b"),
+        band: spectrum.get("band"), colours: map.get("colours"), shade, lower: choice.value };
+    },
+    /** Look at it again. @param {Dict} was */
+    look(was) {
+      choice.value = was.lower;
+      spectrum.put({ band: was.band });
+      if (kind() === "profile") profile.put({ window: was.window });
+      else {
+        shade = was.shade;
+        map.put({ limits: was.limits, a: was.a, b: was.b, colours: was.colours });
+        waves.put({ colours: was.colours });
+        map.put(was.window ? { goto: was.window } : { fit: 1 });
+        shown({ ...sectionView([was.a, was.b], map.get("unit") ?? "m"), colours: was.colours, hill_shade: was.shade });
+      }
+      shown({ ...bandView(was.band), lower: was.lower });
+      this.show();
     },
     /** Another stage is shown: its heights have another range. */
     newRange() {
@@ -282,6 +385,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     colours(name) {
       localStorage.setItem("colours", name);
       map.put({ colours: name });
+      waves.put({ colours: name });
       relief?.paint();
       shown({ colours: name });
     },

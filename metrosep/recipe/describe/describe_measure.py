@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from metrosep.recipe.pipeline import Stage
     from metrosep.recipe.pipeline_run import Measurement
 
-__all__ = ["measurement_of"]
+__all__ = ["height_classes", "measurement_of"]
 
 
 _SIDE, _SIDE_BEFORE = 256, 128
@@ -239,7 +239,7 @@ def _histogram(obj: Measured) -> list[dict[str, Any]]:
     if known.size < 2 or not np.ptp(known) > 0.0:
         return []
     mean = float(known.mean())
-    edges = _classes(known - mean)
+    edges = height_classes(known - mean)
     low, high = float(edges[0]), float(edges[-1])
     heights = known - mean
     inside = heights[(heights >= low) & (heights <= high)]
@@ -267,7 +267,7 @@ def _histogram(obj: Measured) -> list[dict[str, Any]]:
     return [curve_chart("Distribution of heights", name, panels, caption=words)]
 
 
-def _classes(heights: FloatArray) -> FloatArray:
+def height_classes(heights: FloatArray) -> FloatArray:
     """Return the edges of the classes: 2 IQR n^(-1/3) wide (Freedman and Diaconis), 40 to 200 of them."""
     low, high, below, above = display_limits(heights)
     if below or above:

@@ -1,0 +1,173 @@
+"""Pictures of all heights: their distribution with the material ratio, and the waves in all directions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from metrosep.app.wire import Arrays
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.profile import Profile
+from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
+
+if TYPE_CHECKING:
+    from metrosep.parameters.material_ratio import AbbottCurve
+
+__all__ = ["Distribution", "distribution", "heights_view", "waves_view"]
+
+_CURVE = 513
+"""Heights at which the material ratio is drawn."""
+_SIDE, _SHOWN = 1024, 512
+"""Pixels along the longer side of the map that is transformed, and of the picture of its spectrum."""
+_DECADES = 6.0
+_STEPS = 254
+_HOLES = 1.0 / 16.0
+"""Of the longer side: the neighbourhood whose mean stands in a gap."""
+_HANN = 3.0
+"""sqrt(9): a wave A that divides the map has A^2 Lx Ly / 9 under two Hann windows (C-7: 4/9 of A^2 / 4)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Distribution:
+    """All heights, sorted once."""
+
+    curve: AbbottCurve  # about the mean
+    mean: float  # m
+    edges: FloatArray  # shape (n + 1,), m: of the classes, about the mean
+    shares: FloatArray  # shape (n,): of the heights in each
+
+
+def distribution(obj: Surface | Profile) -> Distribution:
+    """Return the distribution of the heights about their mean."""
+    from metrosep.parameters.material_ratio import abbott_curve
+    from metrosep.recipe.describe.describe_measure import height_classes
+
+    known = obj.z[~np.isnan(obj.z)]
+    if known.size < 2 or not np.ptp(known) > 0.0:
+        raise TooFewSamplesError(
+            "fewer than two different heights were measured: there is nothing to share out"
+        )
+    mean = float(known.mean())
+    heights = known - mean
+    edges = height_classes(heights)
+    return Distribution(
+        abbott_curve(heights), mean, edges, np.histogram(heights, bins=edges)[0] / known.size
+    )
+
+
+def heights_view(found: Distribution, at: Any) -> tuple[dict[str, Any], Arrays]:
+    """Return classes and material ratio curve, and the exact ratios of two heights about the mean (m)."""
+    if at is not None and (not isinstance(at, list) or len(at) != 2):
+        raise DataError(f"at is two heights about the mean in m, got {at!r}")
+    given = at or [found.curve.height(p) for p in (0.1, 0.8)]
+    levels = [float(v) for v in given]
+    if not all(map(math.isfinite, levels)):
+        raise DataError(f"at is two heights about the mean in m, got {at!r}")
+    n = found.curve.heights.size
+    heights = np.linspace(found.edges[0], found.edges[-1], _CURVE)
+    rising = found.curve.heights[::-1]
+    ratios = 1.0 - np.searchsorted(rising, heights, side="left") / n
+    header = {
+        "mean": found.mean,
+        "at": levels,
+        "ratios": [found.curve.ratio(c) for c in levels],
+        "n": n,
+        "below": float(np.mean(rising < found.edges[0])),
+        "above": float(np.mean(rising > found.edges[-1])),
+    }
+    arrays = {"edges": found.edges, "shares": found.shares, "heights": heights, "curve": ratios}
+    return header, arrays
+
+
+def waves_view(surface: Surface) -> tuple[Mapping[str, Any], Arrays]:
+    """Return the two-sided density over fx and fy as a picture, six decades, row 0 the largest fy."""
+    from metrosep.spectral.density import areal_psd
+
+    if surface.dx is None or surface.dy is None:
+        raise DataError("the map has no lateral calibration, so its waves have no lengths")
+    z, share = _filled(_outline(surface.z))
+    k = max(1, -(-max(z.shape) // _SIDE))
+    ny, nx = (n // k for n in z.shape)
+    z = z[: ny * k, : nx * k].reshape(ny, k, nx, k).mean(axis=(1, 3))
+    coarse = Surface(z, k * surface.dx, k * surface.dy)
+    psd = areal_psd(coarse, window="hann", detrend="plane")
+    density = psd.density.copy()
+    cy, cx = psd.frequency_y.size // 2, psd.frequency_x.size // 2
+    density[cy, cx] = 0.0  # what the window leaves of the mean
+    area = coarse.shape[0] * coarse.shape[1] * k * k * surface.dx * surface.dy
+    top = float(density.max())
+    j, i = np.unravel_index(int(density.argmax()), density.shape)
+    fx, fy = float(psd.frequency_x[i]), float(psd.frequency_y[j])
+    notes = []
+    if share:
+        notes.append(
+            f"{100.0 * share:.3g} % not measured: the mean around stands there, for this picture only"
+        )
+    if k > 1:
+        notes.append(
+            f"means of {k} × {k} pixels; waves from {format_length(2 * k * max(surface.dx, surface.dy))} on"
+        )
+    if not top > 0.0:
+        raise TooFewSamplesError("the map is flat: there are no waves in it")
+    b = max(1, -(-max(density.shape) // _SHOWN))
+    shown = _largest(density, b)
+    with np.errstate(divide="ignore"):
+        part = 1.0 + np.log10(shown / top) / _DECADES
+    index = np.where(part > 0.0, np.rint(1.0 + _STEPS * np.clip(part, 0.0, 1.0)), 1.0)
+    step_x, step_y = (float(f[1] - f[0]) for f in (psd.frequency_x, psd.frequency_y))
+    edge = (float(psd.frequency_x[0]) - 0.5 * step_x, float(psd.frequency_y[0]) - 0.5 * step_y)
+    header = {
+        "window": [
+            *edge,
+            edge[0] + b * step_x * shown.shape[1],
+            edge[1] + b * step_y * shown.shape[0],
+        ],
+        "top": top,
+        "decades": _DECADES,
+        "amplitude": _HANN * math.sqrt(top / area),  # m: of a wave that reaches the top
+        "peak": {
+            "wavelength": 1.0 / math.hypot(fx, fy),
+            "direction": math.atan2(fy, fx) % math.pi,
+        },
+        "notes": notes,
+    }
+    return header, {"index": index.astype(np.uint8)[::-1]}
+
+
+def _outline(z: FloatArray) -> FloatArray:
+    """Return the part of a map within the first and last rows and columns that were measured."""
+    valid = ~np.isnan(z)
+    rows, columns = np.flatnonzero(valid.any(axis=1)), np.flatnonzero(valid.any(axis=0))
+    if rows.size < 8 or columns.size < 8:
+        raise TooFewSamplesError("waves in all directions need 8 × 8 measured pixels")
+    return z[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+
+
+def _filled(z: FloatArray) -> tuple[FloatArray, float]:
+    """Return a map whose gaps hold the mean of what was measured around them, and their share."""
+    from scipy import ndimage
+
+    gap = np.isnan(z)
+    share = float(gap.mean())
+    if not share:
+        return z, 0.0
+    side = max(3, round(_HOLES * max(z.shape)))
+    mean = float(np.nanmean(z))
+    total = ndimage.uniform_filter(np.where(gap, 0.0, z - mean), side, mode="constant")
+    weight = ndimage.uniform_filter((~gap).astype(np.float64), side, mode="constant")
+    around = np.where(weight > 1e-6, total / np.maximum(weight, 1e-6), 0.0)
+    return np.where(gap, around + mean, z), share
+
+
+def _largest(values: FloatArray, b: int) -> FloatArray:
+    """Return the largest of each block of b x b; the last ones may be smaller."""
+    rows, columns = (np.arange(0, n, b) for n in values.shape)
+    return np.asarray(
+        np.maximum.reduceat(np.maximum.reduceat(values, rows, axis=0), columns, axis=1)
+    )

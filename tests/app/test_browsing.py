@@ -1,0 +1,100 @@
+"""The list of files: only what lies inside the opened folders, and nothing that would hang."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from metrosep import Profile, Surface
+from metrosep.app.documents import Places
+from metrosep.app.server import Answers
+from metrosep.app.sessions import Session
+from metrosep.core.errors import ReadError
+from metrosep.io.write import write
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    inside = tmp_path / "data"
+    (inside / "lot").mkdir(parents=True)
+    write(Surface(np.arange(12.0).reshape(3, 4) * 1e-9, 1e-6, 1e-6), inside / "Part.x3p")
+    (inside / "notes.bin").write_bytes(b"\x01\x02\x03 nothing that a reader knows")
+    (inside / "r.toml").write_text("metrosep = 1\n")
+    (inside / ".hidden").write_text("x")
+    secret = tmp_path / "secret"
+    secret.mkdir()
+    (secret / "far.txt").write_text("1 2\n3 4\n")
+    (inside / "link.txt").symlink_to(secret / "far.txt")
+    (inside / "away").symlink_to(secret)
+    os.mkfifo(inside / "pipe")
+    return inside
+
+
+def answers(folder: Path) -> Answers:
+    return Answers(Session(Places([folder])))
+
+
+def names(header: dict) -> list[str]:
+    return [row["name"] for row in header["rows"]]
+
+
+def test_folders_come_first_and_files_have_their_kind(folder: Path) -> None:
+    header, _ = answers(folder).answer({"k": "list"})
+    assert names(header) == ["lot", "notes.bin", "Part.x3p", "r.toml"]
+    assert [r["kind"] for r in header["rows"]] == ["folder", "", "x3p", "recipe"]
+    assert header["rows"][2]["size"] == (folder / "Part.x3p").stat().st_size
+    assert header["up"] is None
+    below, _ = answers(folder).answer({"k": "list", "path": str(folder / "lot")})
+    assert (below["rows"], below["up"]) == ([], str(folder))
+
+
+def test_a_name_narrows_the_list(folder: Path) -> None:
+    header, _ = answers(folder).answer({"k": "list", "text": "PAR"})
+    assert names(header) == ["Part.x3p"]
+
+
+@pytest.mark.parametrize("path", ["..", "away", "../secret", "/etc", "lot/../../secret"])
+def test_nothing_outside_is_listed(folder: Path, path: str) -> None:
+    with pytest.raises(ReadError, match="outside the folders"):
+        answers(folder).answer({"k": "list", "path": path})
+    with pytest.raises(ReadError, match="outside the folders"):
+        answers(folder).answer({"k": "thumbnail", "path": f"{path}/far.txt"})
+
+
+def test_a_pipe_is_neither_listed_nor_read(folder: Path) -> None:
+    with pytest.raises(ReadError, match="no such file"):
+        answers(folder).answer({"k": "thumbnail", "path": str(folder / "pipe")})
+
+
+def test_a_long_folder_comes_in_parts(folder: Path) -> None:
+    many = folder / "lot"
+    for i in range(450):
+        (many / f"p{i:04d}.toml").write_text("")
+    page, seen = answers(folder), []
+    for first in (0, 200, 400):
+        header, _ = page.answer({"k": "list", "path": str(many), "from": first})
+        seen += names(header)
+    assert header["total"] == 450
+    assert seen == [f"p{i:04d}.toml" for i in range(450)]
+
+
+def test_pictures_are_png_of_what_was_measured(folder: Path) -> None:
+    write(Profile(np.arange(50) * 1e-6, np.sin(np.arange(50.0)) * 1e-8), folder / "line.csv")
+    for name, words in (("Part.x3p", "map, 4 × 3"), ("line.csv", "profile, 50 samples")):
+        header, arrays = answers(folder).answer({"k": "thumbnail", "path": str(folder / name)})
+        assert header["words"] == words
+        assert bytes(arrays["png"][:8]) == b"\x89PNG\r\n\x1a\n"
+
+
+def test_what_was_opened_is_offered_again_and_nothing_is_left_beside_it(folder: Path) -> None:
+    before = sorted(folder.iterdir())
+    page = answers(folder)
+    page.answer({"k": "open", "path": str(folder / "Part.x3p")})
+    assert sorted(folder.iterdir()) == before
+    header, _ = answers(folder).answer({"k": "list"})
+    assert header["recent"] == [[str(folder / "Part.x3p")]]
+    other, _ = answers(folder / "lot").answer({"k": "list"})  # not inside what this start opened
+    assert other["recent"] == []
+    page.session.close()

@@ -1,0 +1,71 @@
+"""The list of files of the dialog Open: by keyboard alone, and by mouse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from metrosep import Surface
+from metrosep.io.write import write
+
+pytestmark = pytest.mark.browser
+
+Opened = Callable[..., Any]
+LISTED = "document.querySelectorAll('.files-list [role=option]').length"
+
+
+@pytest.fixture
+def folder(map_file: Path) -> Path:
+    write(
+        Surface(np.arange(4000.0).reshape(40, 100) * 1e-9, 1e-6, 1e-6),
+        map_file.parent / "tilt.x3p",
+    )
+    (map_file.parent / "below").mkdir()
+    return map_file.parent
+
+
+def test_a_file_is_found_by_name_shown_and_opened_by_keyboard(
+    opened: Opened, map_file: Path, folder: Path
+) -> None:
+    page = opened(map_file)
+    page.press("o")
+    page.wait(f"{LISTED} >= 3")
+    kinds = page.run(
+        "Object.fromEntries([...document.querySelectorAll('.files-list [role=option]')].map((e) => [e.children[0].textContent, e.children[1].textContent]))"
+    )
+    assert kinds["tilt.x3p"] == "x3p"
+    assert kinds["below/"] == ""
+    page.run("document.querySelector('.files-bar input').focus()")
+    page.call("Input.insertText", text="til")
+    page.wait(f"{LISTED} === 1")
+    page.press("ArrowDown")
+    page.press("ArrowDown")
+    page.wait("document.querySelector('.files-shown img').naturalWidth > 0")
+    assert "map, 100 × 40" in page.text(".files-shown p")
+    page.press("Enter")
+    page.wait("document.getElementById('title').textContent === 'tilt.x3p'")
+    assert page.errors == []
+
+
+def test_two_files_are_chosen_by_mouse_and_a_folder_is_entered(
+    opened: Opened, map_file: Path, folder: Path
+) -> None:
+    page = opened(map_file)
+    page.press("o")
+    page.wait(f"{LISTED} >= 3")
+    page.click('.files-list [data-path$="bowl.x3p"]')
+    x, y = page.middle('.files-list [data-path$="tilt.x3p"]')
+    for kind in ("mousePressed", "mouseReleased"):
+        page.mouse(kind, x, y, modifiers=2)
+    value = page.run("document.querySelector('dialog [name=path]').value")
+    assert value == f'"{folder / "bowl.x3p"}"; "{folder / "tilt.x3p"}"'
+    page.click('.files-list [data-path$="below"]')
+    page.wait(f"{LISTED} === 1")  # the way up
+    assert page.run("document.querySelector('.files-bar select').value").endswith("below")
+    page.press("Escape")
+    page.wait("document.querySelector('dialog') === null")
+    assert page.errors == []
