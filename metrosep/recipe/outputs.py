@@ -162,7 +162,7 @@ def polynomial_of(estimate: ErrorEstimate, runs: RunSet | None, **options: Any) 
     """Return the polynomial of an estimate with its covariance; of "kono" and "mean" that of the runs."""
     from metrosep.compensation.polynomial import fit_polynomial
 
-    data = runs if estimate.method in ("kono", "mean") else estimate
+    data = runs if runs is not None and estimate.method in ("kono", "mean") else estimate
     return fit_polynomial(data, domain=(estimate.start, estimate.stop), **options)
 
 

