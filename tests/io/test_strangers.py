@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
+from metrosep.io.stream import open_stream
 
 N = 30
 X = [0.25 * k for k in range(N)]
@@ -285,3 +286,15 @@ def test_marks_without_a_width_are_no_part_of_a_number_or_a_name(put):
     found = ms.read(put(table("\u200ex_mm;z_um\u200b", lambda k, x, z: f"\u200b{x};{z}\u2060")))
 
     assert found.z.tolist() == [z * 1e-6 for z in Z]
+
+
+def test_times_of_two_numbers_are_refused_in_chunks_too(put):
+    path = put(table("time,z_um", lambda k, x, z: f"00:{k:02d},{z}"))
+
+    with (
+        open_stream(path, channels=["time", "z_um"]) as stream,
+        pytest.raises(ms.errors.AmbiguousFormatError, match="or minutes and seconds"),
+    ):
+        list(stream.chunks(10))
+    beside = put(table("date,time,z_um", lambda k, x, z: f"2026-11-28,00:{k:02d},{z}"), "b.csv")
+    assert ms.read(beside).t[1] == pytest.approx(60.0, rel=0.0, abs=1e-9)

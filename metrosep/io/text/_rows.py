@@ -456,7 +456,7 @@ class Body:
                 self.comments.append(line.strip().lstrip('#%!;/" \t').rstrip('"'))
                 continue
             if '"' in line:
-                refuse_quotes(self._file, number, line, dialect.separator)
+                refuse_quotes(self._file, number, _REMARK.sub("", line), dialect.separator)
             used = n_used(fields)
             if (remark := _REMARK.search(line)) and used >= self._n:
                 fields = self._without_remark(number, line, remark) or fields
