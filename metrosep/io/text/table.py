@@ -156,7 +156,7 @@ def read_table(file: RawFile, **text: Any) -> Table:
     columns, clocks, undecided = with_moments(file, columns, rows.lines, source.head.options)
     columns = [*names, *columns]
     markers = refuse_markers(file, columns, rows.lines, source.head.options)
-    markers += _marked_bad(columns, rows.lines)
+    markers += _marked_bad(columns[len(names) :], rows.lines)
     header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
     if undecided:
         header["undecided"] = undecided
