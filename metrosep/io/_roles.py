@@ -54,6 +54,8 @@ def role_of(name: str) -> Role | None:
         return whole
     words = [w for w in re.split(r"[\s_.\-]+", bare) if len(_plain(w)) > 1]
     found = {role for w in words if (role := _ROLES.get(_plain(w))) is not None}
+    if found == {"run", "index"}:
+        return "run"  # Run No., Messung Nr.
     return found.pop() if len(found) == 1 else None
 
 

@@ -56,7 +56,14 @@ def input_of(session):
 
 def test_lines_roles_and_what_is_left_out_are_shown(put):
     path = put(
-        ["Slide 7", "# by hand", "x,z,temp", "mm,um,", *(f"{r},20" for r in ROWS), "Mean,0.3,"]
+        [
+            "Slide 7",
+            "# by hand",
+            "x,z,temp,b",
+            "mm,um,,um",
+            *(f"{r},20,1" for r in ROWS),
+            "Mean,0.3,,",
+        ]
     )
 
     sample = asked(path).sample
@@ -64,9 +71,9 @@ def test_lines_roles_and_what_is_left_out_are_shown(put):
     assert [(one["number"], one["kind"]) for one in sample["lines"][:5]] == [
         (1, "preamble"), (2, "comment"), (3, "names"), (4, "units"), (5, "row"),
     ]  # fmt: skip
-    assert sample["lines"][4]["text"] == f"{ROWS[0]},20"
+    assert sample["lines"][4]["text"] == f"{ROWS[0]},20,1"
     assert [(c["name"], c["unit"], c["role"]) for c in sample["columns"]] == [
-        ("x", "mm", "position"), ("z", "um", "height"), ("temp", "", "temperature"),
+        ("x", "mm", "position"), ("z", "um", "height"), ("temp", "", "temperature"), ("b", "um", ""),
     ]  # fmt: skip
     assert [(one["lines"], one["why"]) for one in sample["left"]] == [
         ("1", "text above the table"), ("2", "a comment"), ("45", "text below the table"),

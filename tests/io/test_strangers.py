@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
+from metrosep.io.stream import open_stream
 
 N = 30
 X = [0.25 * k for k in range(N)]
@@ -142,6 +143,14 @@ REFUSED = {
         table("x;z", lambda k, x, z: f"{k + 1},{100 + k} mm;{10 + k} µm"),
         r"line 2.*1,100 mm.*thousands=','",
     ),
+    "points between groups of a spreadsheet": (
+        table("Weg [µm];z [nm]", lambda k, x, z: f"1.{10 * k:03d};{k % 7}"),
+        r"line 2: column 'Weg \[µm\]' holds a number such as 1\.000.*thousands='\.'",
+    ),
+    "two units of one column": (
+        table("x [mm];z (µm) [nm]", lambda k, x, z: f"{x};{z}"),
+        r"'z \(µm\) \[nm\]' names two units",
+    ),
     "two decimal marks": (
         table("x_mm;z_um", lambda k, x, z: f"{x:.2f};{comma(z + 0.0001)}"),
         r"0\.00.*different decimal marks",
@@ -261,3 +270,31 @@ def test_the_sign_of_micro_alone_is_a_micrometre_with_a_warning(put):
 
     assert found.z.tolist() == [z * 1e-6 for z in Z]
     assert "µ alone" in " ".join(found.metadata["warnings"])
+
+
+def test_a_comment_within_the_table_that_names_a_unit_is_reported(put):
+    lines = table("x_mm;z_um", lambda k, x, z: f"{x};{z}").splitlines()
+    plain = put("\n".join([*lines[:11], "# second part, 2026-11-28", *lines[11:], ""]), "a.csv")
+    telling = put("\n".join([*lines[:11], "# from here z in nm", *lines[11:], ""]), "b.csv")
+
+    assert ms.read(plain).metadata["warnings"] == ()
+    (said,) = ms.read(telling).metadata["warnings"]
+    assert said.startswith("line 12: the comment '# from here z in nm'")
+
+
+def test_marks_without_a_width_are_no_part_of_a_number_or_a_name(put):
+    found = ms.read(put(table("\u200ex_mm;z_um\u200b", lambda k, x, z: f"\u200b{x};{z}\u2060")))
+
+    assert found.z.tolist() == [z * 1e-6 for z in Z]
+
+
+def test_times_of_two_numbers_are_refused_in_chunks_too(put):
+    path = put(table("time,z_um", lambda k, x, z: f"00:{k:02d},{z}"))
+
+    with (
+        open_stream(path, channels=["time", "z_um"]) as stream,
+        pytest.raises(ms.errors.AmbiguousFormatError, match="or minutes and seconds"),
+    ):
+        list(stream.chunks(10))
+    beside = put(table("date,time,z_um", lambda k, x, z: f"2026-11-28,00:{k:02d},{z}"), "b.csv")
+    assert ms.read(beside).t[1] == pytest.approx(60.0, rel=0.0, abs=1e-9)

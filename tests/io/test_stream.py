@@ -198,7 +198,7 @@ MOMENTS = {
     "day.month.year": [f"05.03.2026 14:07:{k:02d}" for k in range(40)],
     "names of months": [f"5-Mar-2026 14:{k // 60:02d}:{k % 60:02d}" for k in range(300)],
     "a clock past midnight twice": [
-        f"{(k // 60) % 24:02d}:{k % 60:02d}" for k in range(1380, 1380 + 2 * 1440, 7)
+        f"{(k // 60) % 24:02d}:{k % 60:02d}:00" for k in range(1380, 1380 + 2 * 1440, 7)
     ],
     "elapsed": [f"{k}:{(k * 7) % 60:02d}:00.5" for k in range(100, 140)],
     "with a word": ["n/a" if k == 5 else f"2026-03-05 14:07:{k:02d}" for k in range(30)],

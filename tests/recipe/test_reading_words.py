@@ -61,7 +61,7 @@ def test_numbers_without_steps_ask_for_keys_of_input(tmp_path, told):
 
 def test_lines_that_are_no_numbers_name_a_key_that_the_recipe_has(tmp_path, told):
     (tmp_path / "in").mkdir()
-    (tmp_path / "in/a.csv").write_text("no table at all\nof any kind; here\n")
+    (tmp_path / "in/a.csv").write_text("no table at all\nof any kind; 3 here\n")
     for text in told(PIPELINE, "a.csv"):
         assert not PYTHON.search(text), text
         assert "skip_rows = " in text

@@ -45,7 +45,6 @@ __all__ = [
     "bad_field",
     "joined",
     "lines_of_field",
-    "marker_of",
     "refuse_quotes",
     "row_in_comment",
 ]
@@ -83,6 +82,8 @@ _IN_DOUBT = {
 """A number that may be in groups of thousands; with a point only where it ends in 0."""
 
 
+_THREE_DIGITS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}\.\d{3}(?![\d.,])")
+
 _SPOILED = """
 ng nok nio not no bad wrong error errors err fail failed failure fault faulty outlier outliers reject
 rejected invalid void ignore ignored discard discarded delete deleted exclude excluded skip skipped drop
@@ -114,6 +115,12 @@ def changes_row(remark: str) -> bool:
         return True
     # "in" is an inch where it stands alone only
     return any(w != "in" and (bare_unit(w) or (len(w) > 1 and is_other_unit(w))) for w in words)
+
+
+def _names_unit(comment: str) -> bool:
+    """Whether a comment names a unit that readings may have: they may have changed to it."""
+    units = (bare_unit(w) for w in _APART.split(comment) if len(w) > 1 and w != "in")
+    return any(u is not None and u.dimension in ("length", "angle", "voltage") for u in units)
 
 
 class Ledger:
@@ -233,12 +240,15 @@ class Body:
             tuple[int, str, bool]
         ] = []  # text or empty rows: footer, unless data follow
         self._unproven = layout.unproven
+        # a point may stand between groups where a decimal comma is no separator: spreadsheets of Europe
+        self._may_be_comma = layout.dialect.decimal == "." and layout.dialect.separator in ";\t"
         self._whole: list[bool] = [
             False
         ] * self._n  # columns with unmarked numbers of 1 to 3 digits
         self._grouped: list[int] = [0] * self._n  # and the line of such as 1.000
         self._surplus: list[int] = []
         self._like_rows: list[int] = []  # lines with the mark of a comment and the fields of a row
+        self._telling: list[tuple[int, str]] = []  # comments within that name a unit or a fault
         self._beyond: list[tuple[int, str]] = []
         self._groups: list[tuple[int, str]] = []
         self._markers = [m for m in options.missing or () if isinstance(m, float)]
@@ -278,6 +288,12 @@ class Body:
             found.append(
                 f"line {line}: {texts[0][:40]!r} stands behind the row and was taken as a remark "
                 f"({len(texts)} such row(s))"
+            )
+        if self._telling:
+            line, text = self._telling[0]
+            found.append(
+                f"line {line}: the comment {text[:40]!r} within the table may change what the rows below it say "
+                f"({len(self._telling)} such comment(s)); they were read like the others"
             )
         if self._like_rows:
             kept = (
@@ -408,6 +424,8 @@ class Body:
         if DECIMAL_SHOWN[mark].search(text):
             self._unproven = False
             return True
+        if self._may_be_comma:
+            return _THREE_DIGITS.search(text) is None
         return _IN_DOUBT[mark].search(text) is None
 
     def _line_by_line(self, text: str, first: int, *, last: bool) -> Block:
@@ -433,10 +451,12 @@ class Body:
                 or self._is_named_like_comment(number, fields)
             ):
                 self.ledger.add("comment", number, line)
+                if (rows or self.last_line) and _names_unit(line):
+                    self._telling.append((number, line.strip()))
                 self.comments.append(line.strip().lstrip('#%!;/" \t').rstrip('"'))
                 continue
             if '"' in line:
-                refuse_quotes(self._file, number, line, dialect.separator)
+                refuse_quotes(self._file, number, _REMARK.sub("", line), dialect.separator)
             used = n_used(fields)
             if (remark := _REMARK.search(line)) and used >= self._n:
                 fields = self._without_remark(number, line, remark) or fields
@@ -631,9 +651,10 @@ class Body:
         texts = [f.strip().lstrip("+-") for f in fields]
         self._whole[k] |= any(t.isdecimal() and len(t) <= 3 for t in texts)
         if not self._grouped[k]:
-            at = next((i for i, t in enumerate(texts) if _IN_DOUBT[mark].fullmatch(t)), None)
+            doubt = _THREE_DIGITS if self._may_be_comma else _IN_DOUBT[mark]
+            at = next((i for i, t in enumerate(texts) if doubt.fullmatch(t)), None)
             self._grouped[k] = 0 if at is None else int(lines[at])
-        if self._grouped[k] and (mark == "," or self._whole[k]):
+        if self._grouped[k] and (mark == "," or self._whole[k] or self._may_be_comma):
             other = self._layout.dialect.other_mark
             raise AmbiguousFormatError(
                 f"{self._file.path}: line {self._grouped[k]}: column {self._names[k]!r} holds a number such "
@@ -715,7 +736,7 @@ def _without_quotes(text: str, mark: str) -> str | None:
     ):
         return None
     plain = np.where(is_mark & ~is_inside, ord("\t"), octets)[~is_quote]
-    return plain.astype(np.uint8).tobytes().decode()[1:-1]
+    return bytes(plain.astype(np.uint8)).decode()[1:-1]
 
 
 def _columns_of(
@@ -736,14 +757,16 @@ def _columns_of(
 
     # from 3.1 on the usual way is exact, and naming it is deprecated
     before = tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1)
+    kinds: dict[Any, Any] = {k: object if label else np.float64 for k, label in enumerate(labels)}
     words = sorted({w for m in missing for w in (m, m.upper(), m.title())})
+    unmeasured: dict[Any, Any] = {k: words for k, label in enumerate(labels) if not label}
     frame = pd.read_csv(
         io.StringIO(text),
         header=None,
         sep=r"\s+" if mark == " " else mark,
-        dtype={k: object if label else np.float64 for k, label in enumerate(labels)},
+        dtype=kinds,
         keep_default_na=False,
-        na_values={k: words for k, label in enumerate(labels) if not label},
+        na_values=unmeasured,
         quoting=csv.QUOTE_NONE,
         low_memory=False,
         float_precision="round_trip" if before else None,
@@ -808,7 +831,7 @@ def bad_field(
     file: RawFile, line: int, field: str, where: str, what: str = "number"
 ) -> CorruptFileError:
     """Return the error about a field that is not a number, or whatever the others are."""
-    grouped = re.search(r"\d([.,'])\d{3}(?!\d)", field)
+    grouped = re.fullmatch(r"[+-]?\d{1,3}(?:([.,'])\d{3})+(?:[.,]\d+)?", field)
     options = f"missing='{field[:40]}' if it means not measured, skip_lines='{line}' to leave the line out"
     if grouped:
         options = f'thousands="{grouped.group(1)}" if its digits are in groups, {options}'
@@ -819,82 +842,3 @@ def bad_field(
         found=repr(field[:40]),
         hint=f"correct that line, or give {options}",
     )
-
-
-_MARKERS = frozenset(
-    {
-        32767.0,
-        -32768.0,
-        -32767.0,
-        65535.0,
-        2147483647.0,
-        -2147483648.0,
-        -2147483647.0,
-        4294967295.0,
-    }
-)
-"""Limits of the integers of converters."""
-_NULLS = frozenset({-999.25})
-"""What logs of wells write for "not measured": reported also where it stands once."""
-_BEYOND = 1e20
-_FAR = 5.0
-"""A value of marker shape further away than so many times the spread of the others is refused."""
-_VERY_FAR = 20.0
-"""Any value that repeats exactly, so at least twice, and is further away than that is reported."""
-_REPEATED = 2
-_NEAR = 0.5
-"""A value of marker shape that repeats is reported from so many spreads on: numbers of a measurement
-leave no gap of half their spread below an extreme that two of them share to the last digit."""
-
-
-def _has_marker_shape(value: float) -> bool:
-    digits = f"{abs(value):.12g}".replace(".", "")
-    nines = len(digits) >= 3 and set(digits) == {"9"}
-    return nines or value in _MARKERS or abs(value) >= _BEYOND
-
-
-def marker_of(values: FloatArray) -> tuple[float, float, bool] | None:
-    """Return a value that means "not measured", its distance in spreads, and whether that is sure.
-
-    Extremes of the shape of a marker are set aside in turn; what is left tells the spread R. Such a
-    value further than 5 R away is sure; one that repeats, beyond 0.5 R, and any other that repeats,
-    beyond 20 R, are not.
-    """
-    finite = np.isfinite(values)
-    rest = values if finite.all() else values[finite]
-    del finite
-    most = rest.size / 2
-    aside: list[float] = []
-    near: tuple[float, float, bool] | None = None
-    while rest.size >= _FEWEST:
-        extremes = (float(rest.max()), float(rest.min()))
-        counts = {e: int(np.count_nonzero(rest == e)) for e in extremes}
-        shaped = [e for e in extremes if _has_marker_shape(e) and counts[e] <= most]
-        if not shaped or len(aside) == _MOST_MARKERS:
-            repeated = [
-                e
-                for e in extremes
-                if (counts[e] >= _REPEATED or e in _NULLS) and counts[e] <= most
-            ]
-            found = next((e for e in repeated if _distance(e, rest[rest != e]) > _VERY_FAR), None)
-            return near if found is None else (found, _distance(found, rest[rest != found]), False)
-        aside.append(shaped[0])
-        rest = rest[rest != shaped[0]]
-        for value in aside:
-            if (ratio := _distance(value, rest)) > _FAR:
-                return value, ratio, True
-            if ratio > _NEAR and near is None and np.count_nonzero(values == value) > 1:
-                near = (value, ratio, False)
-    return near
-
-
-_FEWEST = 3
-_MOST_MARKERS = 4
-
-
-def _distance(value: float, rest: FloatArray) -> float:
-    """Return how many times the spread of the others a value lies away; 0 where they hardly differ."""
-    if rest.size < _FEWEST or np.unique(rest[:1000]).size < _FEWEST:
-        return 0.0
-    low, high = float(rest.min()), float(rest.max())
-    return min(abs(value - low), abs(value - high)) / (high - low)

@@ -219,7 +219,9 @@ _SLASH = re.compile(r"^(.+?)\s*/\s*(\S+)$")
 _COMMA = re.compile(r"^(.+?),\s*(\S+)$")
 """Where the comma separates the columns it stands in no name."""
 _FULL_WIDTH = {0xFF01 + k: 0x21 + k for k in range(94)} | {0x3000: " "}
-_SPACED = re.compile(r"^(.+?)\s+(pm|nm|um|\u00b5m|\u03bcm|mm|cm|urad|mrad|arcsec|deg|ms|us|mV)$")
+_SPACED = re.compile(
+    r"^(.+?)\s+(pm|nm|um|\u00b5m|\u03bcm|mm|cm|urad|mrad|arcsec|deg|ms|us|mV|mm/min|m/min|mm/s|m/s)$"
+)
 _OTHER_BRACKETS = re.compile(r"[{<]\s*([^{}<>]+?)\s*[}>]$")
 _BRACKETS = re.compile(r"^[\[(<]\s*(.*?)\s*[\])>]$")
 

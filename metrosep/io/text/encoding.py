@@ -141,6 +141,10 @@ def head_text(file: RawFile) -> str | None:
         return None
 
 
+_NO_WIDTH = "\u200b\u200e\u200f\u2060"
+"""Marks without a width, which web pages and spreadsheets put beside numbers."""
+
+
 def plain_ends(text: str) -> str:
     """Return text whose lines end with LF alone; no other character ends a line."""
     if "\r" in text:
@@ -148,6 +152,9 @@ def plain_ends(text: str) -> str:
             text = text.replace(end, "\n")
     if "\ufeff" in text:  # files that were joined have one in the middle
         text = text.replace("\n\ufeff", "\n")
+    for mark in _NO_WIDTH:
+        if mark in text:
+            text = text.replace(mark, "")
     return text.removeprefix("\ufeff").removesuffix("\x1a")
 
 

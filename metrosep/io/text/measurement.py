@@ -385,7 +385,10 @@ class _Made:
         if np.isnan(values[2]).all():
             raise self.mismatch("the heights hold no number; nothing was measured")
         heights, (dx, dy), origin = to_grid(self.file, *values)
-        order = {"row_order_in_file": "a list of points with their positions"}
+        order = {
+            "row_order_in_file": "a list of points with their positions",
+            "orientation_evidence": "coordinates",
+        }
         self.facts = {**order, **self.facts}
         return Surface(heights, dx, dy, origin=origin, **self.described())
 

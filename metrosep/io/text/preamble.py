@@ -206,6 +206,14 @@ class Preamble:
             if is_other_unit(text) and any(map(str.isalpha, text)):
                 names[i] = f"{names[i]} [{text.strip('[]()<> ')}]"
         units = [header_unit(n)[1] if self.named else None for n in raw]
+        for name, unit in zip(raw, units, strict=True):
+            inner = header_unit(name)[0].strip()
+            other = header_unit(inner)[1] if inner.endswith((")", "]")) else None
+            if unit is not None and other is not None and other != unit:
+                raise FormatMismatchError(
+                    f"{self._file.path}: column {name!r} names two units, {other.name} and {unit.name}; correct the "
+                    "header"
+                )
         for i, unit in enumerate(self._units or []):
             own = units[i]
             if own is not None and unit is not None and own != unit:

@@ -35,7 +35,6 @@ from metrosep.io.text._rows import (
     bad_field,
     joined,
     lines_of_field,
-    marker_of,
     refuse_quotes,
     row_in_comment,
 )
@@ -52,6 +51,7 @@ from metrosep.io.text.dialect import (
     unmeasured_rows,
 )
 from metrosep.io.text.encoding import decode, encoding_of, plain_ends
+from metrosep.io.text.markers import marker_of
 from metrosep.io.text.preamble import BEGUN, Preamble
 from metrosep.io.text.times import Moments, is_moment, may_be_minutes, moments
 
@@ -156,7 +156,7 @@ def read_table(file: RawFile, **text: Any) -> Table:
     columns, clocks, undecided = with_moments(file, columns, rows.lines, source.head.options)
     columns = [*names, *columns]
     markers = refuse_markers(file, columns, rows.lines, source.head.options)
-    markers += _marked_bad(columns, rows.lines)
+    markers += _marked_bad(columns[len(names) :], rows.lines)
     header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
     if undecided:
         header["undecided"] = undecided
