@@ -6,9 +6,9 @@ With N points, J the derivatives at the solution, J = Q R, and C the covariance 
 
 White deviations give the textbook's s^2 (J'J)^-1, which is right for nothing that is machined. Two
 estimates of C are made from the residual, and the larger standard uncertainty counts. Part A is its
-autocovariance, corrected for the low frequencies that the fit took out. Part B looks at the
-polynomials next to the model and goes on to the model's own frequencies, since real surfaces have
-more power there than a short correlation can hold. An error that has the shape of a parameter (a
+autocovariance, corrected for the low frequencies that the fit took out. Part B asks the polynomials
+next to the model which spectra are likely, and what each does to the parameters, since real surfaces
+have more power there than a short correlation can hold. An error that has the shape of a parameter (a
 wrong reference sphere) is in neither. Sources: metrology-2, chapter 1; sandwich covariance after
 Newey and West (1987), window after Sokal.
 """
@@ -24,13 +24,14 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.blas import one_blas_thread
+from metrosep.core.limits import COVERAGE
 from metrosep.forms._orthogonal import values
 from metrosep.forms.points import Points
 
 Linearise = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """From x, y, z of points to derivatives and deviations, shape (p + 1, n)."""
 
-_SIDE, _SIDE_B, _LINE = 400, 128, 4000
+_SIDE, _SIDE_B, _LINE = 400, 48, 4000
 """Pixels along a map (part B: its polynomials are smooth) and along a profile; more are averaged in
 blocks. u changes by less than 1.5 % (metrology-2, 1.4)."""
 _VALUES = 4_000_000
@@ -41,20 +42,18 @@ _LEAST_LEFT = 0.05
 """Of the sum (4): below it the fit took nearly all of what the lags hold."""
 _LOWEST, _MORE, _MOST = 7, 5, 25
 """Degrees of the polynomials next to the model; from the model's, at most."""
+_BEYOND, _EACH = (2, 4, 7, 10, 13), 6
+"""Degrees above these of which some polynomials say where a spectrum that is flat begins to fall."""
 _TIED = 1e-13
 """Of a column: what is left of it beside the columns before it is rounding below this."""
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
 """Of the largest height: a smaller residual is rounding."""
-_NOTHING = 1e-6
-"""Of a polynomial: what is left of it beside the model counts as rounding below this."""
-_LEAST_ORDER = 0.7
-"""A piston stands below the lowest frequency of the map."""
-_STEEPEST = 4.0
-"""Exponent of the steepest power law that surfaces have (f^-4: metrology-2, 7.2)."""
-_BY_CHANCE = 1.645
-"""Standard deviations: 5 % on one side."""
-_PSI = 0.5772156649
-"""Minus the mean of the logarithm of a mean of two squares of noise."""
+_NOTHING = 0.02
+"""Of a polynomial: if less is left of it beside the model, it is the rounding of a block's edge."""
+_NOISE = np.geomspace(1e-8, 10.0, 19)
+"""White noise below a spectrum, over the mean power that this has along the polynomials."""
+_RARE = 1e-4
+"""Of all odds: a spectrum of less changes no digit of u."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,9 +64,19 @@ class Estimate:
     dof: float
     n_effective: float
     length: float
-    # whether the form may have taken up more of the deviations than it left, so that the u of some
-    # parameters is a bound by energy
-    bounded: bool = False
+    bounded: bool = False  # u of some parameters is a bound by the energy of the residual
+
+
+def student(dof: float, share: float) -> float:
+    """Return the quantile of Student's distribution, NaN without degrees of freedom."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(dof, share)) if dof > 0.0 else float("nan")
+
+
+def expanding_factor(dof: float) -> float:
+    """Return k of every expanded uncertainty, t((1 + p)/2; dof): 2 for a normal one; NaN without freedom."""
+    return student(dof, 0.5 + 0.5 * COVERAGE)
 
 
 def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int) -> Estimate:
@@ -103,12 +112,14 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
         by_b, n_functions, bounded = _next_to_the_model(
             x[good], y[good], J[:, good], r[good], is_line=is_line
         )
-        cov = _larger(by_a, by_b, inverse @ inverse.T) * level**2
+        if bounded:  # by one sum of squares of deviations that are long: known no better than by A
+            n_functions = int(min(n_functions, max(dof, 1.0)))
+        cov, dof = _larger(by_a, dof, by_b, n_functions, inverse @ inverse.T)
         n_effective = N / area
         if n_effective < 2 * p:
             return _unknown(p, n_effective)
         length = b * (0.5 * area if is_line else np.sqrt(area / np.pi))
-        return Estimate(cov, max(1.0, min(dof, n_functions)), n_effective, float(length), bounded)
+        return Estimate(cov * level**2, dof, n_effective, float(length), bounded)
 
 
 class NoiseModel(Protocol):
@@ -154,20 +165,53 @@ def _scattered(points: Points, linearise: Linearise, residual: FloatArray, p: in
     """Return part B alone, which needs no lags: points of a list have no neighbours."""
     good = ~np.isnan(residual[0])
     x, y, r = points.x[good], points.y[good], residual[0][good]
-    if r.size <= p:
-        return _unknown(p, r.size)
+    N = r.size
+    if p >= N:
+        return _unknown(p, N)
     J = linearise(x, y, points.z[0][good])[:p]
+    if _LINE < N:
+        x, y, J, r = _cells(x, y, J, r)
+        if p >= r.size:
+            return _unknown(p, N)
     cov, n_functions, bounded = _next_to_the_model(x, y, J, r, is_line=float(np.ptp(y)) == 0.0)
-    return Estimate(cov, max(1.0, float(n_functions)), float(r.size), np.nan, bounded)
+    return Estimate(cov, max(1.0, float(n_functions)), float(N), np.nan, bounded)
 
 
-def _larger(by_a: FloatArray, by_b: FloatArray, white: FloatArray) -> FloatArray:
-    """Return the larger variances with the correlations of part A; of white noise if that has none."""
+def _cells(
+    x: FloatArray, y: FloatArray, J: FloatArray, r: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return means over the cells of a grid: a long list is thinned as a map is."""
+    n = _SIDE_B if np.ptp(y) else _LINE
+    i, j = (
+        np.minimum((n * (v - v.min()) / (np.ptp(v) or 1.0)).astype(np.intp), n - 1) for v in (x, y)
+    )
+    _, cell, number = np.unique(i * n + j, return_inverse=True, return_counts=True)
+
+    def mean(v: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(cell, v) / number)
+
+    return mean(x), mean(y), np.stack([mean(column) for column in J]), mean(r)
+
+
+def _larger(
+    by_a: FloatArray, dof_a: float, by_b: FloatArray, dof_b: float, white: FloatArray
+) -> tuple[FloatArray, float]:
+    """Return the larger of two expanded uncertainties as a covariance, and its degrees of freedom.
+
+    The correlations are those of part A; of white noise if that has none. The freedom is that of the
+    estimates which are the larger for some parameter.
+    """
+    dof_a, dof_b = max(1.0, dof_a), max(1.0, dof_b)
     a, b = (np.sqrt(np.maximum(np.diag(v), 0.0)) for v in (by_a, by_b))
+    k_a, k_b = (expanding_factor(v) for v in (dof_a, dof_b))
+    dof = min(
+        dof_a if (k_a * a > k_b * b).any() else np.inf,
+        dof_b if (k_b * b >= k_a * a).any() else np.inf,
+    )
     own = by_a if (a > 0.0).all() else white
     size = np.sqrt(np.diag(own))
-    u = np.fmax(a, b)
-    return np.asarray(own / np.outer(size, size) * np.outer(u, u))
+    u = np.fmax(k_a * a, k_b * b) / expanding_factor(dof)
+    return np.asarray(own / np.outer(size, size) * np.outer(u, u)), dof
 
 
 def _factors(J: FloatArray, r: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -334,98 +378,148 @@ def _next_to_the_model(
 ) -> tuple[FloatArray, int, bool]:
     """Return the covariance that the polynomials beside the model ask for, their number, and a flag.
 
-    m_d is the mean square of the residual along the orthonormal polynomials of degree d, of which
-    nothing lies in the model, continued to the degree o of each column of Q (8; `_continued`), from s^2
-    to a bound by energy (`_held`); then cov = R^-1 diag(v) R^-T (9). The flag says that the bound was at work.
+    t = F' r is the residual along orthonormal polynomials F of which nothing lies in the model. No fit
+    changes them, so that they are normal with the covariance F' C F (restricted likelihood). C is
+    white noise, or a spectrum of `_spectra` with white noise below it; the two have equal odds, all
+    spectra and all levels of the noise within the second as well. With the scale of each integrated out, t
+    gives every C a weight and every parameter a Student distribution of as many degrees of freedom as
+    there are polynomials. u is such that the mixture of these holds COVERAGE within t(n) u. No parameter
+    gets more than a bound by energy (`_bound`); the flag says that it was at work.
     """
     Q, R, r = _factors(J, r)
     N, p = Q.shape
     inverse = np.linalg.inv(R)
-    s2 = float(r @ r) / (N - p)
+    white = inverse @ inverse.T
+    size = float(np.sqrt(r @ r / N))
+    r = r / (size or 1.0)
     order, top = _orders(Q, x, y, is_line=is_line)
-    u, v = _unit(x), _unit(y)
-    Pu, Pv = values(u, top), None if is_line else values(v, top)
+    F = _beside(Q, x, y, top, is_line=is_line)
+    n = F.shape[1]
+    t = F.T @ r
+    if n == 0 or not float(t @ t) > _ROUNDING**2 * N:  # it says nothing
+        return white * (size**2 * float(r @ r) / (N - p)), n, False
+    last = top if is_line else top + _BEYOND[-1]
+    f, G = _waves(x, y, np.hstack([Q, F]), last, is_line=is_line)
+    S = _spectra(f)
+    S /= (S @ np.trace(G[:, p:, p:], axis1=1, axis2=2) / n)[:, None]
+    power, axes = np.linalg.eigh(np.tensordot(S, G[:, p:, p:], 1))
+    along = np.square(np.einsum("cij,i->cj", axes, t))
+    variances = np.maximum(power, 0.0)[:, None] + _NOISE[:, None]  # (spectrum, noise, polynomial)
+    left = (along[:, None] / variances).sum(axis=2)
+    logs = -0.5 * np.log(variances).sum(axis=2) - 0.5 * n * np.log(left)
+    logs_white = -0.5 * n * np.log(float(t @ t))
+    highest = max(float(logs.max()), logs_white)
+    odds = np.exp(logs - highest) / logs.size
+    kept = [(float(np.exp(logs_white - highest)), white * (float(t @ t) / n))]
+    for c in np.nonzero(odds.sum(axis=1) > _RARE * max(odds.sum(), kept[0][0]))[0]:
+        shape = inverse @ np.tensordot(S[c], G[:, :p, :p], 1) @ inverse.T
+        kept += [
+            (float(o), (shape + noise * white) * (v / n))
+            for o, noise, v in zip(odds[c], _NOISE, left[c], strict=True)
+            if o > _RARE * odds[c].max()
+        ]
+    weights = np.array([o for o, _ in kept])
+    weights /= weights.sum()
+    covs = np.stack([v for _, v in kept])
+    mean = np.tensordot(weights, covs, 1)
+    u = _of_mixture(weights, np.sqrt(np.diagonal(covs, axis1=1, axis2=2)), n)
+    most = _bound(np.diag(R @ mean @ R.T), order, float(r @ r) / (N - p), float(r @ r))
+    held = np.minimum(u, np.sqrt(np.square(inverse) @ most))
+    scale = size * held / np.sqrt(np.diag(mean))
+    return mean * np.outer(scale, scale), n, bool((held < u)[1:].any())
+
+
+def _bound(law: FloatArray, order: FloatArray, s2: float, left: float) -> FloatArray:
+    """Return the most that each column may hold: all that a fit without it would have left.
+
+    Of a wave of little more than a period no spectrum is the right one, and a steep one would give a
+    tilt of a waviness of 1 um an uncertainty of 40 um. A fit without the columns of an order and of lower
+    ones would have left the sum of squares `left`, and what the columns of higher order took.
+    """
+    most = np.maximum(law, left)  # of a column that is not a polynomial: no bound
+    for o in np.unique(order[~np.isnan(order)])[::-1]:
+        here = order == o
+        most[here] = max(left, s2)
+        left += float(np.clip(law[here], s2, most[here]).sum())
+    return most
+
+
+def _of_mixture(weights: FloatArray, sd: FloatArray, n: int) -> FloatArray:
+    """Return u of which t(n) u holds COVERAGE of Student distributions with these deviations (k, p)."""
+    from scipy.special import stdtr
+
+    k = expanding_factor(n)
+    low, high = k * sd.min(axis=0), k * sd.max(axis=0)
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        short = weights @ (2.0 * stdtr(n, middle / sd) - 1.0) < COVERAGE
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
+    return np.asarray(high / k)
+
+
+def _beside(Q: FloatArray, x: FloatArray, y: FloatArray, top: int, *, is_line: bool) -> FloatArray:
+    """Return orthonormal polynomials of which nothing lies in the model, shape (n, number).
+
+    All up to a degree, and a few of some degrees beyond.
+    """
+    beyond = () if is_line else tuple(top + d for d in _BEYOND)
+    last = beyond[-1] if beyond else top
+    Pu, Pv = values(_unit(x), last), None if is_line else values(_unit(y), last)
     basis = Q
-    degrees: list[float] = []
-    powers: list[float] = []
-    numbers: list[int] = []
-    for d in range(1, top + 1):
+    for d in (*range(1, top + 1), *beyond):
         block = _degree(Pu, Pv, d)
-        size = _sizes(block)
+        if d > top:
+            block = block[:, np.unique(np.linspace(0, block.shape[1] - 1, _EACH).astype(np.intp))]
+        size = np.sqrt(np.einsum("ij,ij->j", block, block))
+        block = block / np.where(size > 0.0, size, 1.0)
         for _ in range(2):  # twice, or the digits go
             block = block - basis @ (basis.T @ block)
-        new, found, _ = np.linalg.svd(block / size, full_matrices=False)
+        new, found, _ = np.linalg.svd(block, full_matrices=False)
         new = new[:, found > _NOTHING]
-        if new.shape[1] == 0 or basis.shape[1] + new.shape[1] > N:
-            continue
+        if basis.shape[1] + new.shape[1] > Q.shape[0]:
+            break
         basis = np.hstack([basis, new])
-        degrees.append(d)
-        numbers.append(new.shape[1])
-        powers.append(float(np.mean(np.square(new.T @ r))))
-    level, bounded = np.full(p, s2), False
-    n_functions = int(sum(numbers))
-    if is_line:  # neighbouring pairs, of which the logarithm has a known mean
-        degrees, powers, numbers = degrees[:8], powers[:8], numbers[:8]
-        n_functions = len(degrees)
-        few = len(degrees) // 2 * 2
-        degrees = np.sqrt(np.multiply(degrees[:few:2], degrees[1:few:2])).tolist()
-        powers = (0.5 * np.exp(_PSI) * np.add(powers[:few:2], powers[1:few:2])).tolist()
-        numbers = [1] * len(degrees)
-    usable = [i for i, m in enumerate(powers) if m > 0.0]
-    if usable:
-        logs = np.log([powers[i] for i in usable])
-        w = np.array([numbers[i] for i in usable], dtype=np.float64)
-        at = np.array([degrees[i] for i in usable])
-        known = ~np.isnan(order)
-        law = np.exp(np.minimum(_continued(at, logs, w, order[known], is_line=is_line), 300.0))
-        level[known], bounded = _held(law, order[known], s2, float(r @ r))
-    return np.asarray((inverse * level) @ inverse.T), n_functions, bounded
+    return np.asarray(basis[:, Q.shape[1] :])
 
 
-def _continued(
-    degrees: FloatArray, logs: FloatArray, weights: FloatArray, order: FloatArray, *, is_line: bool
-) -> FloatArray:
-    """Return the logarithm of the power at the orders of a model, from that at the degrees beside it.
+def _waves(
+    x: FloatArray, y: FloatArray, B: FloatArray, top: int, *, is_line: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies times the width, and the Gram matrices of columns B under waves of each.
 
-    A surface of spectrum f^-B has log m = a - B log d. Of deviations that are smooth over a part of the
-    map no power law is true: what is analytic falls as the d-th power of a number (Bernstein), so
-    log m = a - c d. That law is taken where a power law would be steeper than any surface's, by more
-    than chance makes of so few functions.
+    B' C B of an isotropic spectrum S is the integral of S(f) |B^(f)|^2 over the plane: rings, equal
+    angles on each, as many as make it exact for lags within the width D. A polynomial of degree d has
+    its energy about f = (d + 1) / (pi side), so that beyond the last ring S is white to all of them.
     """
+    x, y = x - 0.5 * (x.min() + x.max()), y - 0.5 * (y.min() + y.max())
+    D = 2.0 * float(np.sqrt(np.max(x * x + y * y)))
+    side = max(float(np.ptp(x)), float(np.ptp(y)))
+    step = 1.0 / 3.0  # the lags of a step of 1/(3 D) come round at 3 D
+    n = int(np.ceil((top + 6) / np.pi * D / side / step))
+    f = np.concatenate([np.geomspace(0.02, step, 8)[:-1], step * np.arange(1, n + 1)])
+    width = np.gradient(f) * (1.0 if is_line else f)
+    grams = []
+    for ring, share in zip(f, width, strict=True):
+        angles = 1 if is_line else int(np.ceil(np.pi * ring + 8.0))
+        angle = np.pi / angles * (np.arange(angles) + (0.0 if is_line else 0.5))
+        phase = 2.0 * np.pi * ring / D * (np.outer(np.cos(angle), x) + np.outer(np.sin(angle), y))
+        waves = np.concatenate([np.cos(phase) @ B, np.sin(phase) @ B])
+        grams.append(share / angles * (waves.T @ waves))
+    return f, np.asarray(grams)
 
-    def line(x: FloatArray) -> tuple[float, float, float, float]:
-        middle, mean = np.average(x, weights=weights), np.average(logs, weights=weights)
-        spread = float(weights @ np.square(x - middle))
-        fall = (
-            max(-float(weights @ ((x - middle) * (logs - mean))) / spread, 0.0) if spread else 0.0
-        )
-        return float(middle), float(mean), fall, spread
 
-    middle, mean, fall, spread = line(np.log(degrees))
-    # The logarithm of a mean of n squares has the variance 2 / n, of a mean of two pi^2 / 6.
-    variance = np.pi**2 / 6.0 if is_line else 2.0
-    if spread and fall - _BY_CHANCE * np.sqrt(variance / spread) > _STEEPEST:
-        middle, mean, fall, _ = line(degrees)
-        return np.asarray(mean - fall * (order - middle))
-    return np.asarray(mean - fall * (np.log(np.maximum(order, _LEAST_ORDER)) - middle))
+def _spectra(f: FloatArray) -> FloatArray:
+    """Return the spectra that a surface may have, (number, frequencies), f in periods per width.
 
-
-def _held(law: FloatArray, order: FloatArray, s2: float, left: float) -> tuple[FloatArray, bool]:
-    """Return the variances of columns after a law of their order, bounded by energy; whether it was.
-
-    A long smooth wave falls faster than any power law, which would give a tilt of a waviness of 1 um
-    an uncertainty of 40 um. So no column holds more than all that a fit without the columns of its
-    own and of lower order would have left: the sum of squares `left`, and what the columns of higher
-    order took. With few columns that is about `left`; with many it grows towards low orders, where a
-    smooth deviation has its energy.
+    (1 + 2 (pi l f)^2 / B)^(-B/2) falls as f^-B from a length l on, from less than a sixteenth of the width
+    to several widths (a pure power law); exp(-(pi l f)^2), its limit, is the Gaussian correlation.
     """
-    held, bounded = np.empty(law.size), False
-    for o in np.unique(order)[::-1]:
-        here = order == o
-        bounded = bounded or bool(o > 0.0 and (law[here] > left).any())
-        held[here] = np.clip(law[here], s2, left)
-        left += float(held[here].sum())
-    return held, bounded
+    found = []
+    for B in (1.0, 2.0, 3.0, 4.0, 8.0):
+        lengths = np.geomspace(1 / 16, 4.0, 10) if B < 8.0 else np.geomspace(1 / 16, 1.0, 16)
+        found += [(1.0 + 2.0 * np.square(np.pi * v * f) / B) ** (-0.5 * B) for v in lengths]
+    found += [np.exp(-np.square(np.pi * v * f)) for v in np.geomspace(1 / 16, 1.0, 28)]
+    return np.asarray(found)
 
 
 def _orders(
@@ -433,7 +527,7 @@ def _orders(
 ) -> tuple[FloatArray, int]:
     """Return the degree of each column, at which polynomials hold half of it, and the last degree.
 
-    NaN for a column that is not a low polynomial, such as a wave: part A is all it gets.
+    NaN for a column that is not a low polynomial, such as a wave.
     """
     top = _LOWEST if not is_line else _LOWEST + 3
     while True:
@@ -442,7 +536,7 @@ def _orders(
         basis = np.empty((Q.shape[0], 0))
         for d in range(top + 1):
             block = _degree(Pu, Pv, d)
-            block = block / _sizes(block)
+            block = block / np.sqrt(np.einsum("ij,ij->j", block, block))
             for _ in range(2):
                 block = block - basis @ (basis.T @ block)
             new, size, _ = np.linalg.svd(block, full_matrices=False)
@@ -456,12 +550,6 @@ def _orders(
         if min(wanted, _MOST) <= top or basis.shape[1] >= Q.shape[0]:
             return order, top
         top = min(wanted, _MOST)
-
-
-def _sizes(block: FloatArray) -> FloatArray:
-    """Return the norm of each column; 1 of one that is zero, as on a map that is one block high."""
-    size = np.sqrt(np.einsum("ij,ij->j", block, block))
-    return np.where(size > 0.0, size, 1.0)
 
 
 def _unit(x: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from metrosep.core.profile import Profile, html_table
 from metrosep.core.public import PublicObject, shortened
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering, format_length
-from metrosep.forms._correlated import Estimate, estimated, from_model
+from metrosep.forms._correlated import Estimate, estimated, expanding_factor, from_model
 from metrosep.forms.base import RIGID, Form, Placement
 from metrosep.forms.conic import curvature_name
 from metrosep.forms.linear import Robust, winsorised
@@ -443,18 +443,6 @@ class FitResult(PublicObject):
         for i, warning in enumerate(self.warnings):
             rows[f"warning {i + 1}"] = warning
         return html_table(f"{self.form.name} fit", rows)
-
-
-def student(dof: float, share: float) -> float:
-    """Return the quantile of Student's distribution, NaN without degrees of freedom."""
-    from scipy.special import stdtrit
-
-    return float(stdtrit(dof, share)) if dof > 0.0 else float("nan")
-
-
-def expanding_factor(dof: float) -> float:
-    """Return k of every expanded uncertainty, t((1 + p)/2; dof): 2 for a normal one; NaN without freedom."""
-    return student(dof, 0.5 + 0.5 * COVERAGE)
 
 
 _SHARE = f"{100.0 * COVERAGE:.4g} %"
