@@ -466,8 +466,9 @@ def test_a_wave_that_no_order_follows_is_named_with_its_length_and_amplitude(len
         float(said.split(word)[1].split(" ")[0]) for word in ("every ", "amplitude ")
     )
     assert "of X" in said
-    assert every == pytest.approx(length * 1e3, rel=0.04)
-    assert amplitude == pytest.approx(1.0 if " um;" in said else 1e3, rel=0.1)
+    unit = 1.0 if " um;" in said else 1e3
+    assert every == pytest.approx(length * 1e3, abs=0.04 * length * 1e3)
+    assert amplitude == pytest.approx(unit, abs=0.1 * unit)
 
 
 def test_noise_alone_is_no_wave():
@@ -535,7 +536,7 @@ def test_a_set_with_its_senses_turned_or_in_another_unit_is_named_with_its_facto
         told = [m for m in messages_of(three_balls(values=factor * values)) if "foretell" in m]
         assert len(told) == 1
         assert float(told[0].split("readings are ")[1].split(" ")[0]) == pytest.approx(
-            factor, rel=0.1
+            factor, abs=0.1 * abs(factor)
         )
         assert said in told[0]
 
