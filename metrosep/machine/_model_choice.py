@@ -27,6 +27,8 @@ _WORTH = 10.0
 _CHANCE = 1e-4
 _FEWEST, _MOST = 12, 1000
 """Places of an axis in a set below which no wave is looked for, and waves that are tried."""
+_FOLLOWS, _FACTOR = 0.7, 3.0
+"""Share of the readings of a set that others foretell but for a factor, and a factor that is none of noise."""
 _DRAWN = 0.5
 """Share of the readings that coefficients may take."""
 
@@ -118,9 +120,13 @@ def waves_left(problem: Problem, system: System, fit: Fit) -> list[str]:
             span, places = float(np.ptp(x)), np.unique(np.round(x, 9)).size
             if places < _FEWEST or axis not in kinds:
                 continue
-            # places of a fine grid show half as many waves as there are of them, at most
-            twice = np.unique(np.linspace(6, places - 1, min(places - 6, _MOST)).astype(int))
-            turns = math.pi * twice / span * (x - x.min())[:, None]
+            low = float(x.min())
+            if kinds[axis] == "angle":
+                low, span = 0.0, 2.0 * math.pi  # harmonics of the turn
+                twice = 2 * np.arange(3, min(places // 2, _MOST) + 1)
+            else:  # places of a fine grid show half as many waves as there are of them, at most
+                twice = np.unique(np.linspace(6, places - 1, min(places - 6, _MOST)).astype(int))
+            turns = math.pi * twice / span * (x - low)[:, None]
             tried += twice.size
             stat, size = _scores(turns, rest[stream.rows], stream, fit)
             k = int(np.argmax(stat))
@@ -140,6 +146,40 @@ def waves_left(problem: Problem, system: System, fit: Fit) -> list[str]:
                 )
                 found[label] = (float(stat[k]), text)
     return [text for stat, text in found.values() if math.exp(-0.5 * stat) * tried < _CHANCE]
+
+
+def factors_of_sets(problem: Problem, system: System, fit: Fit) -> list[str]:
+    """Return a sentence for each set that follows what the others foretell of it by a factor that is not 1."""
+    if len(problem.sets) < 2:
+        return []
+    said, begin = [], 0
+    weights = np.empty(system.y.size)
+    for stream in system.streams:
+        weights[stream.rows] = 1.0 / fit.scales[stream.which]
+    X = system.X / system.sizes * weights[:, None]
+    y = system.y * weights
+    for k, end in enumerate(system.ends):
+        mine = np.arange(begin, end)
+        begin = end
+        rest = np.delete(np.arange(y.size), mine)
+        listed = [np.arange(at.start, at.stop) for at in problem.unknown_at[k].values()]
+        own = np.concatenate([np.zeros(0, dtype=np.intp), *listed])
+        if mine.size < own.size + _FEWEST or not rest.size:
+            continue
+        found = np.linalg.lstsq(X[rest], y[rest], rcond=1e-5)[0]
+        found[own] = 0.0
+        Q = np.linalg.qr(X[mine][:, own])[0]
+        told, read = (v - Q @ (Q.T @ v) for v in (X[mine] @ found, y[mine]))
+        sizes = float(told @ told), float(read @ read), float(told @ read)
+        if min(sizes[:2]) <= 0.0 or sizes[2] ** 2 < _FOLLOWS * sizes[0] * sizes[1]:
+            continue
+        factor = sizes[2] / sizes[0]
+        if not 1.0 / _FACTOR < factor < _FACTOR:
+            said.append(
+                f"{problem.labels[k]}: its readings are {factor:.3g} times what the other sets foretell of "
+                f"them; check its {'senses or direction' if factor < 0.0 else 'unit'}"
+            )
+    return said
 
 
 def _scores(turns: FloatArray, rest: FloatArray, stream: Any, fit: Fit) -> tuple[Any, Any]:

@@ -19,6 +19,7 @@ from metrosep.core.errors import (
     UnitError,
 )
 from metrosep.core.provenance import freeze_mapping
+from metrosep.core.units import format_length
 from metrosep.machine._bases import Basis, basis_of
 from metrosep.machine._drift_noise import Fit, Gls, Stream, diagonal_of_inverse, inverse_times
 from metrosep.machine.chains import Chain, Positions
@@ -35,6 +36,10 @@ _STEPS, _SETTLED = 20, 1e-10
 _SEEN = 1e-6
 """Of the largest column of a place: what is below would be known to a million times the noise."""
 _HUBER, _GROSS, _REFUSED = 1.5, 6.0, 4.0
+_ONE_BALL = 5e-3
+"""m: poses that a control steers to a ball are no further apart, whatever its kinematics."""
+_PASTED = 5
+"""Readings in a row that agree with others in every digit."""
 ROUNDS = 10
 LARGEST = {"m": 1e-2, "rad": 1e-2}
 """A reading or an error beyond it is of no machine: its unit, or the machine, is another one."""
@@ -111,8 +116,13 @@ class ReadingSet:
                 raise InvalidSamplesError(
                     f"{self.label}: {axis} has shape {at.shape} for {values.shape[0]} readings"
                 )
-            if np.isnan(at).any():
-                raise InvalidSamplesError(f"{self.label}: a position of {axis} is NaN")
+            lost = np.flatnonzero(np.isnan(np.atleast_1d(at)))
+            if lost.size:
+                more = f" and at {lost.size - 1} more" if lost.size > 1 else ""
+                raise InvalidSamplesError(
+                    f"{self.label}: the position of {axis} is missing (NaN) at reading {lost[0] + 1}{more}; "
+                    "give it, or take the row out"
+                )
         finite = np.isfinite(values)
         if not finite.any():
             raise DataError(f"{self.label}: every reading is NaN")
@@ -262,6 +272,7 @@ class Problem:
             point=np.broadcast_to(view.point, (n, 3)),
             turn=np.broadcast_to(view.turn, (n, 3, 3)),
         )
+        _refuse_scattered(reading, view.point)
         columns = np.broadcast_to(columns, (n, *columns.shape[-2:]))
         whole = values if reading.total else values + reading.instrument.nominal(view)
         return view, columns, whole
@@ -447,6 +458,54 @@ class Problem:
                 orders = [max(more[n].orders) for n in more if axis_of_term(self.chain, n) == axis]
                 found[axis] = max(orders)
         return found
+
+
+def _refuse_scattered(reading: ReadingSet, point: FloatArray) -> None:
+    """Refuse poses that do not take a nest to one ball: columns, units or the machine are others."""
+    ball = getattr(reading.instrument, "ball", None)
+    is_nest = reading.instrument.n_readings == 3
+    if not is_nest or (ball is None and "ball" not in reading.unknown):
+        return
+    is_known = ball is not None and "ball" not in reading.unknown
+    centre = np.asarray(ball) if is_known else np.median(point, axis=0)
+    off = np.linalg.norm(point - centre, axis=-1)
+    if off.max() > _ONE_BALL:
+        i = int(np.argmax(off))
+        from_what = "the ball" if is_known else "the place of most others"
+        raise DataError(
+            f"{reading.label}: the axes do not take the tool to one ball of the workpiece: at reading "
+            f"{i + 1} it stands {format_length(float(off[i]))} from {from_what}; check units and order of the "
+            "columns of the axes, the tool, and whether the machine is this one"
+        )
+
+
+def repeated_rows(sets: Sequence[ReadingSet], labels: Sequence[str]) -> list[str]:
+    """Return a sentence for each set with readings that are others of the sets digit for digit, in order."""
+    said: list[str] = []
+    first: dict[bytes, tuple[str, int]] = {}
+    for reading, label in zip(sets, labels, strict=True):
+        values = np.asarray(reading.values)
+        n = values.shape[0]
+        places = [np.broadcast_to(reading.q[a], (n,)) for a in sorted(reading.q)]
+        rows = np.column_stack([*places, values])
+        mine: list[tuple[str, int] | None] = []
+        for i, row in enumerate(rows):
+            mine.append(first.setdefault(row.tobytes(), (label, i)))
+        run = best = last = 0
+        for i, where in enumerate(mine):
+            again = where is not None and where != (label, i)
+            follows = again and run and where == (mine[i - 1][0], mine[i - 1][1] + 1)  # type: ignore[index]
+            run = run + 1 if follows else int(again)
+            if run > best:
+                best, last = run, i
+        if best >= _PASTED:
+            owner, end = mine[last]  # type: ignore[misc]
+            said.append(
+                f"{label}: readings {last - best + 2} to {last + 1} are readings {end - best + 2} to "
+                f"{end + 1} of {owner} digit for digit; if they were pasted twice, u is too small: take them "
+                "out"
+            )
+    return said
 
 
 @dataclass(frozen=True, slots=True, eq=False)

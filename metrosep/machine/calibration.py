@@ -25,7 +25,7 @@ from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_engineering, format_length
 from metrosep.machine._bases import Basis, CurveTerm, UnseenTerm, null_sentences
 from metrosep.machine._drift_noise import Fit
-from metrosep.machine._model_choice import raised_degrees, waves_left
+from metrosep.machine._model_choice import factors_of_sets, raised_degrees, waves_left
 from metrosep.machine._reading_problem import (
     LARGEST,
     NULL,
@@ -37,6 +37,7 @@ from metrosep.machine._reading_problem import (
     columns_of,
     is_place,
     is_stated,
+    repeated_rows,
     with_order,
 )
 from metrosep.machine.chains import Chain, Positions
@@ -49,6 +50,9 @@ __all__ = ["Calibration", "ReadingSet", "calibrate", "plan_calibration"]
 
 _PRIOR = {"m": 5e-6, "rad": 30e-6, "1": math.inf}
 """A direction with a larger standard uncertainty is reported: the readings hardly determine it."""
+
+_LOUDER = 4.0
+"""Times the noise of the other sets of an instrument: one in a thousand of sets of ten readings."""
 
 _CONTRADICTS, _STRONGEST = 10.0, 10.0
 
@@ -381,6 +385,9 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         for axis, order in found.lacking.items()
     ]
     messages += waves_left(problem, system, fit)
+    messages += factors_of_sets(problem, system, fit)
+    messages += repeated_rows(sets, problem.labels)
+    messages += _louder(sets, problem.labels, noise)
     share = fit.beta.size * n_stated / max(system.y.size, 1)
     if n_stated:
         from scipy.stats import chi2 as chi2_of
@@ -508,6 +515,26 @@ def hardly_known(names: Sequence[str], units: Sequence[str], cov: FloatArray) ->
             f"what a machine has ({format_length(_PRIOR['m'])}, 30 urad)"
         )
     return tuple(sentences)
+
+
+def _louder(
+    sets: Sequence[ReadingSet], labels: Sequence[str], noise: Mapping[str, float]
+) -> list[str]:
+    """Return a sentence for each set whose residuals are far larger than those of its kind."""
+    said = []
+    for reading, label in zip(sets, labels, strict=True):
+        kind = type(reading.instrument)
+        others = [
+            noise[other]
+            for s, other in zip(sets, labels, strict=True)
+            if type(s.instrument) is kind and other != label
+        ]
+        if len(others) > 1 and noise[label] > _LOUDER * float(np.median(others)) > 0.0:
+            said.append(
+                f"{label}: its residuals are {noise[label] / float(np.median(others)):.2g} times those of the "
+                f"other {kind.__name__.lower()} sets; check its signs, its place and its poses"
+            )
+    return said
 
 
 def _gauge(chain: Chain, homes: Mapping[str, float]) -> str:

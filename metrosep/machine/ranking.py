@@ -323,7 +323,7 @@ def _messages(
 ) -> tuple[str, ...]:
     found = [
         f"{n}: {curve.text} over the travel; Sq is the root of the mean square over all phases, P-V "
-        "and maps are those of one phase"
+        f"and maps are those of one {'phase' if len(curve.waves) == 1 else 'draw'}"
         for n, curve in random.items()
     ]
     curves = {*amounts.shapes, *random}
@@ -379,6 +379,7 @@ _CURVES = (
     re.compile(r"(?P<upr>\d+)\s*upr\s+(?P<size>\S.*)"),
     re.compile(r"random\s+(?P<size>[\d.]+\s*[^\W\d]+)\s+length\s+(?P<length>\S.*)"),
 )
+_DRAWN = 0.05  # of its unit: the size in which a draw is laid out
 _NODES = 24
 """Of the Gauss-Hermite rule over the spectrum of a random curve; half of them are wavelengths."""
 
@@ -399,8 +400,17 @@ class RandomCurve:
 
     @property
     def shown(self) -> Shape:
-        """Return the wave that maps and P-V show."""
-        return self.shape(max(self.waves, key=lambda w: w[1])[0], 0.0)
+        """Return what maps and P-V show: a wave, or one draw of a random curve."""
+        if len(self.waves) == 1:
+            return self.shape(self.waves[0][0], 0.0)
+        wavelengths, weights = np.array(self.waves).T
+        drawn = np.random.default_rng(0).normal(size=(2, len(self.waves)))
+        cos, sin = drawn * np.sqrt(weights) * _DRAWN  # an error of more than 1 m is refused
+        unit: Any = TrialAmounts()
+        unit[self.name] = FourierTerm(
+            np.hypot(cos, sin).tolist(), wavelengths.tolist(), np.arctan2(-sin, cos).tolist()
+        )
+        return Shape(ErrorSet(unit), self.name, False, _DRAWN)
 
 
 def curve_text(text: str) -> dict[str, str] | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -464,8 +466,9 @@ def test_a_wave_that_no_order_follows_is_named_with_its_length_and_amplitude(len
         float(said.split(word)[1].split(" ")[0]) for word in ("every ", "amplitude ")
     )
     assert "of X" in said
-    assert every == pytest.approx(length * 1e3, rel=0.04)
-    assert amplitude == pytest.approx(1.0 if " um;" in said else 1e3, rel=0.1)
+    unit = 1.0 if " um;" in said else 1e3
+    assert every == pytest.approx(length * 1e3, abs=0.04 * length * 1e3)
+    assert amplitude == pytest.approx(unit, abs=0.1 * unit)
 
 
 def test_noise_alone_is_no_wave():
@@ -477,3 +480,80 @@ def test_noise_alone_is_no_wave():
         ).messages
     ]
     assert not [m for m in said if "repeats" in m]
+
+
+def three_balls(**changed):
+    machine = Trunnion(LOCATIONS)
+    rng = np.random.default_rng(8)
+    sets = [trunnion_set(machine, ball, noise=0.2e-6 * rng.normal(size=(72, 3))) for ball in BALLS]
+    sets[0] = dataclasses.replace(sets[0], name="ball 1", **changed)
+    return sets
+
+
+TRUNNION_TERMS = tuple(LOCATIONS)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        lambda q: q | {"A": np.degrees(q["A"]), "C": np.degrees(q["C"])},
+        lambda q: q | {"A": q["C"], "C": q["A"]},
+        lambda q: q | {"X": q["Y"], "Y": q["X"]},
+        lambda q: q | {"Z": q["Z"] * 1e-3},
+        lambda q: q | {"C": -q["C"]},
+    ],
+    ids=["degrees", "A and C", "X and Y", "metres", "sense of C"],
+)
+def test_poses_that_do_not_take_the_nest_to_one_ball_are_refused(changed):
+    """Degrees as radians, swapped or scaled columns, C the other way round: 11 wrong numbers came of it."""
+    q = dict(three_balls()[0].q)
+    with pytest.raises(
+        DataError, match=r"ball 1: the axes do not take the tool to one ball .* mm"
+    ):
+        calibrate(
+            presets("five_axis", pivot_height=PIVOT),
+            three_balls(q=changed(q)),
+            terms=TRUNNION_TERMS,
+        )
+
+
+def test_a_ball_that_stands_some_millimetres_off_is_no_wrong_pose():
+    q = dict(three_balls()[0].q)
+    moved = q | {"X": q["X"] + 1e-3 * np.cos(q["C"]), "Y": q["Y"] - 1e-3 * np.sin(q["C"])}
+    chain = presets("five_axis", pivot_height=PIVOT)
+    calibrate(chain, three_balls(q=moved), terms=TRUNNION_TERMS)
+
+
+def messages_of(sets):
+    found = calibrate(presets("five_axis", pivot_height=PIVOT), sets, terms=TRUNNION_TERMS)
+    return [m for m in found.messages if "ball 1:" in m]
+
+
+def test_a_set_with_its_senses_turned_or_in_another_unit_is_named_with_its_factor():
+    values = three_balls()[0].values
+    assert messages_of(three_balls()) == []
+    for factor, said in ((-1.0, "senses"), (25.4, "unit")):
+        told = [m for m in messages_of(three_balls(values=factor * values)) if "foretell" in m]
+        assert len(told) == 1
+        assert float(told[0].split("readings are ")[1].split(" ")[0]) == pytest.approx(
+            factor, abs=0.1 * abs(factor)
+        )
+        assert said in told[0]
+
+
+def test_readings_that_were_pasted_twice_are_named_and_a_second_round_is_not():
+    first = three_balls()[0]
+    twice = {a: np.concatenate([np.broadcast_to(v, 72)] * 2) for a, v in first.q.items()}
+    again = three_balls(q=twice, values=np.concatenate([first.values] * 2))
+    (said,) = [m for m in messages_of(again) if "digit for digit" in m]
+    assert "readings 73 to 144 are readings 1 to 72 of ball 1" in said
+    fresh = first.values + 0.2e-6 * np.random.default_rng(9).normal(size=(72, 3))
+    again = three_balls(q=twice, values=np.concatenate([first.values, fresh]))
+    assert not [m for m in messages_of(again) if "digit for digit" in m]
+
+
+def test_a_missing_pose_is_named_with_its_row():
+    q = dict(three_balls()[0].q)
+    q["A"] = np.where(np.arange(72) % 30 == 4, np.nan, q["A"])
+    with pytest.raises(InvalidSamplesError, match=r"position of A is missing .* 5 and at 2 more"):
+        three_balls(q=q)

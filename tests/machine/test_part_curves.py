@@ -67,7 +67,9 @@ def part(radius=None, *, white=0.0, bell=0.0, seed=0, dirt=False):
     X, Y = np.meshgrid(x, x)
     rho, phi = np.hypot(X, Y), np.arctan2(Y, X)
     z, slope = (0.0 * rho, 0.0 * rho) if radius is None else ball(radius, rho)
-    smooth = gaussian_filter(rng.normal(size=rho.shape), 6.0, mode="wrap")
+    # cut out of a larger field: noise that closes on itself would be alike at opposite rims, and
+    # two lobes of cos 2 phi would have 1.2 times the spread that a part has
+    smooth = gaussian_filter(rng.normal(size=(N + 60, N + 60)), 6.0)[30:-30, 30:-30]
     h = z + left_on_part(rho, phi, z, slope) + white * rng.normal(size=rho.shape)
     h += bell * smooth / smooth.std() + 2e-6 * X / R_PART - 1e-6 * Y / R_PART + 5e-7
     h -= slope * 150e-9  # the tool set 150 nm too far out, in this part alone

@@ -39,6 +39,7 @@ from metrosep.controllers.gcode.poses import (
     offsets_of,
     refuse_large,
     refuse_larger,
+    rewrite_poses,
 )
 from metrosep.controllers.gcode.rewrite import format_feed, require_plain
 from metrosep.controllers.gcode.state import (
@@ -53,6 +54,7 @@ from metrosep.controllers.gcode.state import (
 )
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, LimitError, MetrosepError, TableError
 from metrosep.core.units import format_length
 from metrosep.machine.inverse import correct_path
@@ -103,6 +105,7 @@ def is_program(path: str | os.PathLike[str]) -> bool:
     return False
 
 
+@described_by(rewrite_poses, errors=False)
 def rewrite_machine_program(
     source: str | os.PathLike[str],
     target: str | os.PathLike[str],
@@ -127,14 +130,6 @@ def rewrite_machine_program(
     ----------
     source, target : str or path
         The program and the corrected one; a sidecar ``<target>.json`` appears beside it.
-    chain : Chain
-        The machine; its axes have one letter each.
-    errors : ErrorSet or mapping of str to float, callable or ErrorTerm
-        Its errors, actual minus nominal.
-    tool : array_like, shape (3,), m, optional
-        Tool point in the frame of the tool.
-    tool_axis : array_like, shape (3,), optional
-        Axis of the tool in its frame.
     zero : mapping of str to float, m or rad, optional
         Machine position at which the word of an axis is zero: the work offset, of Z with the length of
         the tool that G43 takes; 0 if omitted.
@@ -142,18 +137,8 @@ def rewrite_machine_program(
         "mm" or "inch", for a program without G20 or G21.
     tolerance : float, m, optional
         Blocks are split until the tool point misses the nominal way between poses by less.
-    resolution : float, m, optional
-        Finest step of a length that is written; of an angle 1 nrad.
-    max_step : float, rad, optional
-        Largest change of the correction of an axis of rotation from pose to pose.
-    stroke : float, m, optional
-        Largest correction of a linear axis.
     harmless_m : iterable of int, optional
         M codes of this machine that neither move an axis nor change coordinates.
-    again : bool, optional
-        Correct a program that holds a correction already.
-    overwrite : bool, optional
-        Replace an existing file.
 
     Returns
     -------
