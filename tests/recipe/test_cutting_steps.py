@@ -431,3 +431,13 @@ def test_a_machine_that_does_not_fit_the_program_is_refused(tmp_path, capsys, wo
     assert called("predict", tmp_path / "budget.toml", "-o", tmp_path / "out") == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_wrong_way_of_c_is_named(tmp_path, budget):
+    """The file is read as a mirrored part: its own map is not on the part that was measured."""
+    _, found, document = ran(
+        tmp_path, "budget.toml", lambda t: t.replace("workpiece ccw", "tool ccw")
+    )
+    assert abs(found["shown.program"]["value"]) < 0.1
+    assert any("a wrong way of C reads a mirrored part" in m for m in document["messages"])
+    assert not any("a wrong way of C" in m for m in budget[2]["messages"])

@@ -72,6 +72,27 @@ class CauseFit(Frozen):
             if min(abs(a), abs(a - 1.0)) > max(2.0 * self.u[name], _NEAR)
         )
 
+    def shows(self, name: str) -> bool:
+        """Return whether a cause is there as predicted, or nothing tells of it.
+
+        Parameters
+        ----------
+        name : str
+            Of the cause.
+
+        Returns
+        -------
+        bool
+            False where the amount is off 1 by more than U (k = 2) and 0.05.
+
+        Raises
+        ------
+        DataError
+            If no cause has that name.
+        """
+        numbers.choice(name, "cause", tuple(self.amounts))
+        return not abs(self.amounts[name] - 1.0) > max(2.0 * self.u[name], _NEAR)
+
     @property
     def is_plausible(self) -> bool:
         """Whether each cause is there or not there, and together they explain half of the variance."""

@@ -161,6 +161,8 @@ class CutBudgeted(Method):
         if z is not None:
             z = z[inside]
             shown = fit_causes(budget, z - form(x, y), x, y)
+            if not shown.shows("program"):
+                said = (*said, _OTHER_PROGRAM)
             if not shown.is_plausible:
                 said = (*said, *_other_orientation(shown.residual, form, x, y, z))
         return CutBudgetFound(budget, x, y, pixel, shown, said)
@@ -191,6 +193,11 @@ def _machine(
     return machine_deviations(program, chain, errors, positions=positions), notes
 
 
+_OTHER_PROGRAM = (
+    "the part does not show what this file makes of the form, which every part cut with it does: look at "
+    "c_positive, tool_side and c_zero (a wrong way of C reads a mirrored part), at the form, and whether the "
+    "part was cut with this file"
+)
 _ORIENTATIONS = {
     "mirrored in x": (-1.0, 1.0),
     "mirrored in y": (1.0, -1.0),
