@@ -27,8 +27,8 @@ TUTORIALS = HERE / "docs" / "tutorials"
 TARGET = HERE / "docs" / "notebooks"
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$\n?", re.DOTALL | re.MULTILINE)
 DPI = 72
-LONGEST = 4000
-"""Characters that are kept of what a cell prints."""
+LONGEST, LONGEST_VALUE = 4000, 300
+"""Characters that are kept of what a cell prints, and of its value."""
 
 
 def pages() -> list[Path]:
@@ -119,12 +119,18 @@ def _run(
             exec(compile(tree, "cell", "exec"), namespace)  # noqa: S102
             if isinstance(last, ast.Expr):
                 value = eval(compile(ast.Expression(last.value), "cell", "eval"), namespace)  # noqa: S307
-    printed = text.getvalue().replace(f"{os.path.realpath(folder)}/", "").replace(f"{folder}/", "")
+
+    def without_folder(said: str) -> str:
+        return said.replace(f"{os.path.realpath(folder)}/", "").replace(f"{folder}/", "")
+
+    printed = without_folder(text.getvalue())
     if printed:
         kept = printed[:LONGEST] + ("...\n" if len(printed) > LONGEST else "")
         yield {"output_type": "stream", "name": "stdout", "text": kept.splitlines(keepends=True)}
     if value is not None:
-        shown = {"text/plain": repr(value)[:LONGEST].splitlines(keepends=True)}
+        said = without_folder(repr(value))
+        said = said if len(said) <= LONGEST_VALUE else f"{said[:LONGEST_VALUE]} ..."
+        shown = {"text/plain": said.splitlines(keepends=True)}
         yield {"output_type": "execute_result", "metadata": {}, "data": shown}
     for number in plt.get_fignums():
         png = io.BytesIO()

@@ -53,6 +53,8 @@ Document = Mapping[str, Any]
 
 _MOST_ROWS, _MOST_WARNINGS = 8, 3
 _NORMAL_K = 2.0
+_NBSP = "\u00a0"
+"""Between what stays on one line."""
 
 
 # ---- the texts of one or two languages -------------------------------------------------------------
@@ -302,7 +304,7 @@ def _temperature(fields: Document) -> str:
     if spread is None:
         return f"{celsius:.6g} °C"
     value, U, _ = rounded_pair(celsius, spread, "1")
-    return f"({value} ± {U}) °C"
+    return f"({value}{_NBSP}±{_NBSP}{U}){_NBSP}°C"
 
 
 def method_of(document: Document) -> str:
@@ -469,7 +471,7 @@ def origins_of(document: Document, t: Mapping[str, str]) -> list[str]:
         )
         words = t[word].format(what=what.strip())
         if k is not None:
-            words += f", k = {comma(f'{k:.2f}')}"
+            words += f", k{_NBSP}={_NBSP}{comma(f'{k:.2f}')}"
             if word in ("u_fit", "u_method"):
                 words += f", {t['coverage'].format(p=comma(f'{100 * COVERAGE:.2f} %'))}"
         found.setdefault(words, []).append(row.name)
