@@ -471,7 +471,7 @@ def origins_of(document: Document, t: Mapping[str, str]) -> list[str]:
         )
         words = t[word].format(what=what.strip())
         if k is not None:
-            words += f", k{_NBSP}={_NBSP}{comma(f'{k:.2f}')}"
+            words += f", k = {comma(f'{k:.2f}')}"
             if word in ("u_fit", "u_method"):
                 words += f", {t['coverage'].format(p=comma(f'{100 * COVERAGE:.2f} %'))}"
         found.setdefault(words, []).append(row.name)
