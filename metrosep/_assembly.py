@@ -21,8 +21,10 @@ def _explore(obj: Any, /, **options: Any) -> Any:
 
 def _plot(obj: Any, ax: Any = None, /, **options: Any) -> Any:
     from metrosep.plot.objects import draw_object
+    from metrosep.plot.style import known_to_pyplot
 
-    return draw_object(obj, ax, **options)
+    made = draw_object(obj, ax, **options)
+    return made if ax is not None and not isinstance(ax, str) else known_to_pyplot(made)
 
 
 def _to_frame(obj: Any, /) -> Any:
@@ -70,10 +72,10 @@ def _level(obj: Any, /) -> Any:
 
 
 def _remove_form(obj: Any, form: Any, /, **options: Any) -> Any:
-    from metrosep.forms import fit, form_from_text, remove
+    from metrosep.forms import fit, remove
 
     _check_options(fit, "remove_form", 2, options)
-    return remove(obj, form_from_text(form) if isinstance(form, str) else form, **options)
+    return remove(obj, form, **options)
 
 
 def _filter(obj: Any, kind: str, /, **options: Any) -> Any:

@@ -41,7 +41,8 @@ class PublicObject:
         Parameters
         ----------
         ax : matplotlib Axes or str, optional
-            Axes to draw into; new ones if omitted. Of an estimate also "spectrum" or "psd".
+            Axes to draw into; new ones if omitted, of a figure that a notebook and ``plt.show()`` show where
+            pyplot is in use. Of an estimate also "spectrum" or "psd".
         **options
             ``vmin``, ``vmax``: ends of the scale, in SI or as a text with its unit ("5 nm"); ``unit``:
             unit of the values that are drawn.

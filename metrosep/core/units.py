@@ -432,6 +432,12 @@ def parse_quantity(value: str | float, *, dimension: str, name: str = "value") -
             f"(units: {_example(dimension)})"
         )
     digits, unit_text = match.groups()
+    comma = re.match(r",\d+\s*(.*)", unit_text)
+    if comma is not None:
+        raise UnitError(
+            f"{name} {value!r} has a decimal comma; write a point, such as "
+            f"{value.replace(',', '.', 1).strip()!r}"
+        ) from None
     if not unit_text:
         raise UnitError(
             f"{name} {value!r} has no unit; write it with one of {_example(dimension)}"

@@ -35,7 +35,7 @@ __all__ = ["fit", "remove"]
 
 def fit(
     obj: Surface | Profile | PointSet,
-    form: Form,
+    form: Form | str,
     *,
     free: Sequence[str] | None = None,
     fixed: Mapping[str, float] | None = None,
@@ -53,8 +53,9 @@ def fit(
     ----------
     obj : Surface, Profile or PointSet
         Measurement; NaN is left out. A profile is the line y = 0 and need not be uniform.
-    form : Form
-        Ideal surface. Parameters that are None are found, and those named in `free`.
+    form : Form or str
+        Ideal surface, or its name and parameters as a text ("sphere", "conic: R=50 mm"). Parameters that
+        are None are found, and those named in `free`.
     free : sequence of str, optional
         Rigid-body freedoms ("piston", "tilt_x", "tilt_y", "shift_x", "shift_y", "rotation_z") and
         names of parameters. Piston and tilt if omitted; for a linear form without coefficients
@@ -112,6 +113,10 @@ def fit(
     >>> round(found.params["R"], 9), round(found.params["tilt_x"], 9)
     (0.05, 0.0002)
     """
+    if isinstance(form, str):
+        from metrosep.forms.catalogue import form_from_text
+
+        form = form_from_text(form)
     if not isinstance(form, Form):
         raise DataError(
             f"form must be a metrosep form such as Sphere(), got {type(form).__name__}"
@@ -154,7 +159,7 @@ def _with_noise(result: FitResult, noise: NoiseModel) -> FitResult:
 
 
 def remove(
-    obj: Surface | Profile | PointSet, form: Form, **options: object
+    obj: Surface | Profile | PointSet, form: Form | str, **options: object
 ) -> Surface | Profile | PointSet:
     """Return what is left of a measurement after the best-fit form.
 
@@ -162,8 +167,8 @@ def remove(
     ----------
     obj : Surface, Profile or PointSet
         Measurement.
-    form : Form
-        Ideal surface.
+    form : Form or str
+        Ideal surface, as for `fit`.
     **options : object
         Of `fit`.
 

@@ -7,7 +7,9 @@ open and nothing of the caller's matplotlib changes. Values come from a result a
 
 from __future__ import annotations
 
+import contextlib
 import io
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -178,6 +180,23 @@ def new_figure(
     figure = Figure(figsize=size, layout=layout)
     FigureCanvasAgg(figure)
     return figure
+
+
+def known_to_pyplot(made: Any) -> Any:
+    """Return axes or a figure; pyplot knows it where the caller works with pyplot or in a notebook.
+
+    So a notebook shows it, and ``plt.show()`` and ``plt.savefig()`` find it, as they do pictures of other packages.
+    """
+    if "matplotlib.pyplot" not in sys.modules and "IPython" not in sys.modules:
+        return made
+    import matplotlib.pyplot as plt
+
+    figure = made if hasattr(made, "savefig") else made.figure
+    # before matplotlib 3.11 a figure could not be handed over
+    with contextlib.suppress(AttributeError, TypeError, ValueError):
+        if getattr(figure.canvas, "manager", None) is None:
+            plt.figure(figure)
+    return made
 
 
 def values(column: Sequence[float | None] | None) -> FloatArray:

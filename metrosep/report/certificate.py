@@ -53,6 +53,8 @@ Document = Mapping[str, Any]
 
 _MOST_ROWS, _MOST_WARNINGS = 8, 3
 _NORMAL_K = 2.0
+_NBSP = "\u00a0"
+"""Between what stays on one line."""
 
 
 # ---- the texts of one or two languages -------------------------------------------------------------
@@ -302,7 +304,7 @@ def _temperature(fields: Document) -> str:
     if spread is None:
         return f"{celsius:.6g} °C"
     value, U, _ = rounded_pair(celsius, spread, "1")
-    return f"({value} ± {U}) °C"
+    return f"({value}{_NBSP}±{_NBSP}{U}){_NBSP}°C"
 
 
 def method_of(document: Document) -> str:

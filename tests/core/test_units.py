@@ -193,3 +193,11 @@ def test_turns_per_minute_are_no_time_and_no_feed():
         parse_unit("1/min", dimension="time")
     with pytest.raises(UnitError, match="is a frequency"):
         parse_unit("rpm", dimension="speed")
+
+
+@pytest.mark.parametrize(
+    ("text", "point"), [("1,5 mm", "1.5 mm"), ("-0,35 um", "-0.35 um"), ("2,5", "2.5")]
+)
+def test_a_decimal_comma_is_named(text, point):
+    with pytest.raises(UnitError, match=f"decimal comma; write a point, such as '{point}'"):
+        parse_quantity(text, dimension="length", name="dx")

@@ -77,3 +77,33 @@ def test_threads_draw_one_after_the_other_and_alike():
         worker.join()
     assert found == [wanted] * 4
     assert mpl.rcParams["font.size"] != 9.0
+
+
+_IN_A_PROCESS = """
+import sys
+import numpy as np
+import metrosep as ms
+surface = ms.Surface(np.arange(12.0).reshape(3, 4) * 1e-9, "1 um", "1 um")
+surface.plot()
+assert "matplotlib.pyplot" not in sys.modules
+import matplotlib
+matplotlib.use("agg")
+import matplotlib.pyplot as plt
+assert plt.get_fignums() == []
+axes = surface.plot()
+assert plt.get_fignums() == [1] and plt.gcf() is axes.figure
+own = plt.figure().add_subplot()
+assert surface.plot(own) is own
+assert plt.get_fignums() == [1, 2]
+"""
+
+
+def test_pyplot_knows_the_picture_of_somebody_who_works_with_pyplot():
+    import subprocess
+    import sys
+
+    import matplotlib as mpl
+
+    if tuple(map(int, mpl.__version__.split(".")[:2])) < (3, 11):
+        pytest.skip("matplotlib before 3.11 takes no figure over")
+    subprocess.run([sys.executable, "-W", "error", "-c", _IN_A_PROCESS], check=True)

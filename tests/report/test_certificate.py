@@ -600,3 +600,106 @@ def test_no_message_is_lost_between_first_page_and_annex(part):
     for i in range(7):
         assert shown.count(f"essage number {i}") == 1
         assert plain.count(f"essage number {i}") == 1
+
+
+# ---- ISO/IEC 17025:2017, clause by clause, through the files that the command line writes ---------
+
+CLAUSES = {
+    "7.8.2.1 a": ["kind"],
+    "7.8.2.1 b": ["laboratory.name", "laboratory.street", "laboratory.city", "laboratory.country"],
+    "7.8.2.1 c": ["location", "place"],
+    "7.8.2.1 d": ["number", "revision"],
+    "7.8.2.1 e": ["customer.name", "customer.city", "customer.country", "customer.contact", "customer.order"],
+    "7.8.2.1 f": ["procedure"],
+    "7.8.2.1 g": ["item.name", "item.drawing", "item.material", "item.manufacturer", "item.model",
+                  "item.serial", "item.condition"],
+    "7.8.2.1 h, i": ["received", "measured"],
+    "7.8.2.1 j": ["issued"],
+    "7.8.2.1 n": ["deviations"],
+    "7.8.2.1 o": ["persons.measured", "persons.checked", "persons.released"],
+    "7.8.2.1 p": ["external"],
+    "7.8.4.1 b": ["temperature", "temperature_U", "humidity", "pressure"],
+    "7.8.4.1 c": ["traceability", "instrument.name", "instrument.manufacturer", "instrument.model",
+                  "instrument.serial", "instrument.certificate", "instrument.certificate_date", "instrument.due"],
+    "7.8.8": ["replaces", "reason", "change"],
+    "ISO 230": ["machine.manufacturer", "machine.model", "machine.serial", "machine.controller",
+                "machine.axes", "machine.compensation", "machine.warm_up"],
+    "accreditation": ["laboratory.accreditation"],
+}  # fmt: skip
+"""Fields of `[report]` by clause; what the program makes itself (e: f, k, l, m) is looked for by its words."""
+
+MADE = {
+    "7.8.2.1 f, method": r"ISO 25178-2:2021",
+    "7.8.2.1 l": r"relate only to the items named",
+    "7.8.2.1 m, value and unit": r"43\.1 2\.1 nm|43\.1\s+2\.1\s+nm",
+    "7.8.4.1 a, U and k": r"k = 2\.13",
+    "7.8.6.2 rule": r"Accepted if the value lies inside its limits by the guard band",
+    "7.8.2.1 d, end": r"End of (the )?report",
+}
+
+
+@pytest.fixture(scope="module")
+def files_of_a_laboratory(tmp_path_factory):
+    """The text of report.html and report.pdf of a recipe with every field, both from the command line."""
+    folder = tmp_path_factory.mktemp("iso17025")
+    x = np.arange(48) * 100e-6
+    ms.write(
+        ms.Surface(60e-9 * np.sin(np.add.outer(x, x) / 1e-3), 100e-6, 100e-6), folder / "part.x3p"
+    )
+    (folder / "recipe.toml").write_text(STEPS + REPORT, "utf-8")
+    assert command("-q", "run", folder / "recipe.toml", "-o", folder / "out") == 0
+    texts = {}
+    formats = "html,pdf" if shutil.which("pdftotext") else "html"
+    if formats != "html":
+        pytest.importorskip("typst")
+    assert command("-q", "report", folder / "out", "--format", formats, "-o", folder / "r") == 0
+    texts["html"] = words((folder / "r/report.html").read_text("utf-8"))
+    if "pdf" in formats:
+        made = subprocess.run(
+            ["pdftotext", "-layout", str(folder / "r/report.pdf"), "-"],
+            check=True, capture_output=True, text=True,
+        )  # fmt: skip
+        texts["pdf"] = made.stdout.replace("\u200b", "")
+    return texts
+
+
+def test_the_checklist_names_every_field_there_is():
+    keys = {
+        re.sub(r"\.\d+\.", ".", k)
+        for k, _ in flat_fields(checked_report(tomllib.loads(REPORT)["report"]))
+    }
+    assert {k for listed in CLAUSES.values() for k in listed} == keys
+
+
+@pytest.mark.parametrize("clause", CLAUSES)
+@pytest.mark.parametrize("form", ["html", "pdf"])
+def test_a_clause_of_iso_17025_is_in_the_file(files_of_a_laboratory, clause, form):
+    if form not in files_of_a_laboratory:
+        pytest.skip("pdftotext (poppler) is not installed")
+    shown = re.sub(r"\s+", " ", files_of_a_laboratory[form]).lower()
+    stated = flat_fields(checked_report(tomllib.loads(REPORT)["report"]))
+    printed = {re.sub(r"\.\d+\.", ".", k): str(v) for k, v in stated}
+    printed |= {"temperature": "(20.10 ± 0.20) °C", "temperature_U": "± 0.20", "humidity": "45 %",
+                "pressure": "1013.2 hPa", "measured": "2026-03-02 … 2026-03-04", "revision": "revision 1"}  # fmt: skip
+    for key in CLAUSES[clause]:
+        # in columns of the PDF a value of two words may stand in two lines: each word is looked for
+        for word in printed[key].lower().split():
+            assert word in shown, (clause, key)
+
+
+@pytest.mark.parametrize("clause", MADE)
+@pytest.mark.parametrize("form", ["html", "pdf"])
+def test_what_the_program_adds_for_iso_17025_is_in_the_file(files_of_a_laboratory, clause, form):
+    if form not in files_of_a_laboratory:
+        pytest.skip("pdftotext (poppler) is not installed")
+    assert re.search(MADE[clause], re.sub(r"\s+", " ", files_of_a_laboratory[form]), re.IGNORECASE)
+
+
+def test_every_page_has_number_revision_and_n_of_n(files_of_a_laboratory):
+    if "pdf" not in files_of_a_laboratory:
+        pytest.skip("pdftotext (poppler) is not installed")
+    pages = files_of_a_laboratory["pdf"].rstrip("\f").split("\f")
+    for i, page in enumerate(pages, start=1):
+        flat = re.sub(r"\s+", " ", page)
+        assert f"page {i} / {len(pages)}" in flat
+        assert "2026-0815 revision 1" in flat
