@@ -65,6 +65,7 @@ const views = makeViews({
 });
 const drawing = makeDrawing({
   el: el("map"), bar: el("tools"), list: el("shapes"), session: () => session, edit, insert: tree.insert, say: alertText,
+  place: (request) => wire.ask("places", { stage: tree.chosen, level: ladder.level, ...request }).then(({ header }) => header, fail),
   shown: (a, b) => (views.map.set("a", a), views.map.set("b", b), views.map.save_changes()),
 });
 
