@@ -409,6 +409,7 @@ _ELSEWHERE = {
     "run_folder": "export_answers:run_folder",
     "list": "browsing:listing",
     "thumbnail": "browsing:thumbnail",
+    "latest": "browsing:latest",
 }
 """Functions ``f(session, message, cancel, tell)`` in modules of their own, loaded when asked."""
 

@@ -10,6 +10,7 @@ import { takeMenus } from "./editor.js";
 import { makeExports } from "./exports.js";
 import { listenToDrops, openPaths, uploadAll } from "./files.js";
 import { ago } from "./format.js";
+import { makeFollow } from "./follow.js";
 import { makeHistory } from "./history.js";
 import { KEYS, listenToKeys } from "./keys.js";
 import { makeLadder } from "./ladder.js";
@@ -70,6 +71,8 @@ const drawing = makeDrawing({
 });
 
 const { save, exportResult } = makeExports({ wire, status: el("status-link"), session: () => session, take, fail });
+
+const follow = makeFollow(el("follow"), wire, (paths) => open(paths, true), fail);
 
 const isOf = (/** @type {string[]} */ ...kinds) => (/** @type {Dict} */ one) => kinds.includes(one.kind);
 const tabs = makeTabs(el("tabs"), [
@@ -178,7 +181,9 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
     el("colours").value = views.map.get("colours");
     notes = [];
     seen.reset();
+    follow.stop();
   }
+  follow.allow(["map", "profile"].includes(session.kind ?? "") && session.files?.length === 1);
   drawSession();
   tree.show(session, schema);
   drawing.show();
