@@ -27,7 +27,7 @@ from metrosep.core.errors import DataError, MetrosepError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 
-__all__ = ["listing", "remember", "thumbnail"]
+__all__ = ["latest", "listing", "remember", "thumbnail"]
 
 _PAGE, _MOST = 200, 2000
 """Rows that are sent at once; of a folder at most."""
@@ -94,6 +94,24 @@ def thumbnail(session: Session, message: Message, cancel: Cancel, tell: Tell) ->
     else:
         return {"words": type(obj).__name__.lower()}, {}
     return {"words": words}, {"png": np.frombuffer(picture, dtype=np.uint8)}
+
+
+def latest(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
+    """Answer a request ``latest``: the file that is open as it stands now, or the newest like it beside it."""
+    opened, _ = session.need()
+    if len(opened.files) != 1:
+        raise DataError("one file of a map or profile can be followed; this is a set, or a method")
+    file = opened.files[0]
+    entries = [e for e in _entries(session.places, file.parent) if not e.is_folder]
+    if message.get("of") == "folder":
+        found = [e for e in entries if e.path.suffix.lower() == file.suffix.lower()]
+    else:
+        found = [e for e in entries if e.path.name == file.name]
+    if not found:
+        return {"path": None}, {}
+    newest = max(found, key=lambda e: (e.seconds, e.path.name))
+    stamp = f"{newest.path} {newest.size} {newest.path.stat().st_mtime_ns}"
+    return {"path": str(newest.path), "stamp": stamp}, {}
 
 
 def remember(session: Session) -> None:

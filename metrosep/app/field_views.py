@@ -19,7 +19,14 @@ from metrosep.core.units import format_length
 if TYPE_CHECKING:
     from metrosep.parameters.material_ratio import AbbottCurve
 
-__all__ = ["Distribution", "distribution", "heights_view", "waves_view"]
+__all__ = [
+    "Distribution",
+    "aperture_of",
+    "distribution",
+    "extremes_near",
+    "heights_view",
+    "waves_view",
+]
 
 _CURVE = 513
 """Heights at which the material ratio is drawn."""
@@ -171,3 +178,40 @@ def _largest(values: FloatArray, b: int) -> FloatArray:
     return np.asarray(
         np.maximum.reduceat(np.maximum.reduceat(values, rows, axis=0), columns, axis=1)
     )
+
+
+def extremes_near(
+    surface: Surface, at: Any, radius: Any
+) -> tuple[list[float] | None, list[float] | None]:
+    """Return the highest and the lowest pixel whose centre lies in a circle, [x, y] in m; None in a gap."""
+    (cx, cy), r = (float(v) for v in at), float(radius)
+    if surface.dx is None or surface.dy is None or not r > 0.0:
+        raise DataError("peaks near a point need a map with lateral steps and a radius above zero")
+    x = surface.origin[0] + surface.dx * np.arange(surface.shape[1])
+    y = surface.origin[1] + surface.dy * np.arange(surface.shape[0])
+    columns, rows = np.flatnonzero(np.abs(x - cx) <= r), np.flatnonzero(np.abs(y - cy) <= r)
+    z = surface.z[np.ix_(rows, columns)]
+    z = np.where(np.hypot(x[columns] - cx, (y[rows] - cy)[:, None]) <= r, z, np.nan)
+    if not np.isfinite(z).any():
+        return None, None
+    found = [np.unravel_index(int(k), z.shape) for k in (np.nanargmax(z), np.nanargmin(z))]
+    peak, valley = ([float(x[columns[j]]), float(y[rows[i]])] for i, j in found)
+    return peak, valley
+
+
+def aperture_of(surface: Surface) -> tuple[tuple[float, float], float]:
+    """Return middle and radius of the largest circle inside the outer rows and columns that were measured, m."""
+    from metrosep.core.regions import measured_middle
+
+    if surface.dx is None or surface.dy is None:
+        raise DataError("the map has no lateral calibration, so its aperture has no size")
+    valid = ~np.isnan(surface.z)
+    if not valid.any():
+        raise TooFewSamplesError("nothing was measured: there is no aperture")
+    spans = [np.flatnonzero(valid.any(axis=a)) for a in (0, 1)]
+    half = min(
+        s * float(np.ptp(v)) / 2.0 for v, s in zip(spans, (surface.dx, surface.dy), strict=True)
+    )
+    x = surface.origin[0] + surface.dx * np.arange(surface.shape[1])
+    y = surface.origin[1] + surface.dy * np.arange(surface.shape[0])
+    return measured_middle(surface.z, x, y), half

@@ -393,6 +393,7 @@ _PICTURES = (
     "density",
     "heights",
     "waves2d",
+    "places",
 )
 _ELSEWHERE = {
     "metrics": "metrics_answers:metrics",
@@ -408,6 +409,7 @@ _ELSEWHERE = {
     "run_folder": "export_answers:run_folder",
     "list": "browsing:listing",
     "thumbnail": "browsing:thumbnail",
+    "latest": "browsing:latest",
 }
 """Functions ``f(session, message, cancel, tell)`` in modules of their own, loaded when asked."""
 
@@ -647,6 +649,17 @@ class PictureAnswers:
         outcome, obj = self._surface(message, cancel, "waves in all directions")
         header, arrays = self._fields.of(obj)
         return {**header, "is_preview": outcome.is_preview}, arrays
+
+    def places(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``places``: peak and valley near a point, or the circle of what was measured."""
+        from metrosep.app.field_views import aperture_of, extremes_near
+
+        outcome, obj = self._surface(message, cancel, "places")
+        if message.get("what") == "aperture":
+            (x, y), radius = aperture_of(obj)
+            return {"centre": [x, y], "radius": radius, "is_preview": outcome.is_preview}, {}
+        peak, valley = extremes_near(obj, message["at"], message["radius"])
+        return {"peak": peak, "valley": valley, "is_preview": outcome.is_preview}, {}
 
     def density(self, message: Message, cancel: Cancel) -> Answer:
         """Answer a request ``density``: the spectrum that a step ``psd`` compares with its limit."""

@@ -98,3 +98,21 @@ def test_what_was_opened_is_offered_again_and_nothing_is_left_beside_it(folder: 
     other, _ = answers(folder / "lot").answer({"k": "list"})  # not inside what this start opened
     assert other["recent"] == []
     page.session.close()
+
+
+def test_the_latest_of_a_folder_is_of_the_same_kind_and_no_link_out_of_it(folder: Path) -> None:
+    page = answers(folder)
+    page.answer({"k": "open", "path": str(folder / "Part.x3p")})
+    here, _ = page.answer({"k": "latest", "of": "file"})
+    newer = folder / "B.x3p"
+    newer.write_bytes((folder / "Part.x3p").read_bytes())
+    os.utime(newer, (4e9, 4e9))
+    (folder / "C.x3p").symlink_to(folder.parent / "secret" / "far.txt")
+    (folder / "z.toml").write_text("")
+    there, _ = page.answer({"k": "latest", "of": "folder"})
+    assert (here["path"], there["path"]) == (str(folder / "Part.x3p"), str(newer))
+    same, _ = page.answer({"k": "latest", "of": "file"})
+    assert same == here
+    os.utime(folder / "Part.x3p", (3e9, 3e9))
+    assert page.answer({"k": "latest", "of": "file"})[0]["stamp"] != here["stamp"]
+    page.session.close()

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from metrosep import Profile, Surface
-from metrosep.app.field_views import distribution, heights_view, waves_view
+from metrosep.app.field_views import (
+    aperture_of,
+    distribution,
+    extremes_near,
+    heights_view,
+    waves_view,
+)
 from metrosep.core.errors import DataError, TooFewSamplesError
 
 UM, NM = 1e-6, 1e-9
@@ -77,3 +83,16 @@ def test_a_large_map_is_averaged_and_the_shortest_wave_is_said():
     header, _ = waves_view(Surface(z, UM, UM))
     assert header["peak"]["wavelength"] == pytest.approx(110 * UM, abs=0.2 * UM)
     assert "3 × 3 pixels; waves from 6 um on" in header["notes"][0]
+
+
+def test_peak_and_valley_near_a_point_and_the_aperture():
+    z = np.zeros((50, 80))
+    z[20, 30], z[22, 34], z[5, 5] = 3.0, -2.0, 99.0
+    surface = Surface(z, UM, 2 * UM, origin=(100 * UM, 0.0))
+    peak, valley = extremes_near(surface, [131 * UM, 41 * UM], 8 * UM)
+    assert peak == pytest.approx([130 * UM, 40 * UM], abs=1e-12)
+    assert valley == pytest.approx([134 * UM, 44 * UM], abs=1e-12)
+    assert extremes_near(surface, [0.0, 0.0], UM) == (None, None)  # beside the map
+    (x, y), radius = aperture_of(surface)
+    assert (x, y) == pytest.approx((139.5 * UM, 49 * UM), abs=1e-12)
+    assert radius == pytest.approx(39.5 * UM, abs=1e-12)  # the shorter half: x

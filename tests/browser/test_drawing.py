@@ -510,3 +510,39 @@ def test_a_polygon_is_closed_by_its_first_corner_or_a_double_click(
     settled(page, lambda: hand.click(CORNERS[0] if how == "first corner" else CORNERS[-1]))
     points = hand.data()["step"][1]["aperture"]["points"]
     assert len(points) == 3
+
+
+def test_alt_takes_the_peak_near_by_and_a_round_section_is_laid_into_the_aperture(
+    opened: Opened, tmp_path: Path
+) -> None:
+    from metrosep import Surface
+    from metrosep.io.write import write
+
+    y, x = np.indices((N, N))
+    z = 1e-12 * (x + 2.0 * y)
+    for i, j in ((203, 297), (402, 351)):  # x, y of two peaks
+        z[j, i] = 5e-8
+    z[np.hypot(x - 310, y - 290) > 270] = np.nan
+    write(Surface(z, STEP, STEP), tmp_path / "peaks.x3p")
+    page = opened(tmp_path / "peaks.x3p")
+    hand = Hand(page)
+    page.press("d")
+    for i, j in ((203, 297), (402, 351)):
+        px, py = hand.at((i + 4) * STEP, (j - 3) * STEP)  # beside them
+        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+            page.mouse(kind, px, py, modifiers=1)
+        page.run("new Promise((done) => setTimeout(done, 400))")
+    settled(page, lambda: page.press("Enter"))
+    found = hand.data()["section"][0]
+    assert np.abs(np.subtract(point(found["a"]), (203 * STEP, 297 * STEP))).max() < 1e-9
+    assert np.abs(np.subtract(point(found["b"]), (402 * STEP, 351 * STEP))).max() < 1e-9
+    settled(page, lambda: a_round_section(Hand(page)))
+    page.press("Escape")
+    page.run(
+        "document.querySelector('[data-shape=\"section 1\"]').getAttribute('aria-pressed') === 'true' || document.querySelector('[data-shape=\"section 1\"]').click()"
+    )
+    settled(page, lambda: page.click("#shapes button.small"))
+    ring = hand.data()["section"][1]
+    assert np.abs(np.subtract(point(ring["centre"]), (310 * STEP, 290 * STEP))).max() < STEP
+    assert metres(ring["radius"]) == pytest.approx(0.98 * 270 * STEP, abs=STEP)
+    assert page.errors == []

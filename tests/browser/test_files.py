@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from browser.test_work import printed, settled
 
 from metrosep import Surface
 from metrosep.io.write import write
@@ -68,4 +69,41 @@ def test_two_files_are_chosen_by_mouse_and_a_folder_is_entered(
     assert page.run("document.querySelector('.files-bar select').value").endswith("below")
     page.press("Escape")
     page.wait("document.querySelector('dialog') === null")
+    assert page.errors == []
+
+
+def test_the_newest_file_of_a_folder_and_a_file_written_again_are_followed(
+    opened: Opened, map_file: Path
+) -> None:
+    page = opened(map_file)
+    done = "document.querySelector('#status-full.done') !== null"
+
+    def follow(what: str) -> None:
+        page.run(
+            f"(() => {{ const e = document.getElementById('follow'); e.value = '{what}';"
+            "e.dispatchEvent(new Event('change')); })()"
+        )
+        page.run("new Promise((go) => setTimeout(go, 1500))")
+
+    page.click('[data-step="0"] .pick')
+    settled(page, lambda: page.click("[data-form=sphere]"))
+    follow("folder")
+    rng = np.random.default_rng(4)
+    z = 1e-6 * rng.standard_normal((40, 60))
+    write(Surface(z, 1e-6, 1e-6), map_file.parent / "next.x3p")
+    page.wait("document.getElementById('title').textContent === 'next.x3p'")
+    page.wait(done)
+    assert "sphere" in page.text('[data-step="0"] .pick')  # the present steps
+    assert page.run("document.getElementById('follow').value") == "folder"  # it goes on
+    before = page.text('[data-metric="Sq"] td:nth-child(2)')
+    follow("file")
+    write(Surface(50 * z, 1e-6, 1e-6), map_file.parent / "next.x3p")
+    page.wait(
+        f"document.querySelector('[data-metric=Sq] td:nth-child(2)').textContent !== {before!r}"
+    )
+    page.wait(done)
+    shown, half = printed(page, "Sq")
+    # a sphere takes little of noise: fifty times the first
+    assert shown == pytest.approx(50e-6, abs=3e-6)
+    assert half > 0
     assert page.errors == []

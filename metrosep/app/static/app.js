@@ -10,6 +10,7 @@ import { takeMenus } from "./editor.js";
 import { makeExports } from "./exports.js";
 import { listenToDrops, openPaths, uploadAll } from "./files.js";
 import { ago } from "./format.js";
+import { makeFollow } from "./follow.js";
 import { makeHistory } from "./history.js";
 import { KEYS, listenToKeys } from "./keys.js";
 import { makeLadder } from "./ladder.js";
@@ -65,10 +66,13 @@ const views = makeViews({
 });
 const drawing = makeDrawing({
   el: el("map"), bar: el("tools"), list: el("shapes"), session: () => session, edit, insert: tree.insert, say: alertText,
+  place: (request) => wire.ask("places", { stage: tree.chosen, level: ladder.level, ...request }).then(({ header }) => header, fail),
   shown: (a, b) => (views.map.set("a", a), views.map.set("b", b), views.map.save_changes()),
 });
 
 const { save, exportResult } = makeExports({ wire, status: el("status-link"), session: () => session, take, fail });
+
+const follow = makeFollow(el("follow"), wire, (paths) => open(paths, true), fail);
 
 const isOf = (/** @type {string[]} */ ...kinds) => (/** @type {Dict} */ one) => kinds.includes(one.kind);
 const tabs = makeTabs(el("tabs"), [
@@ -177,7 +181,9 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
     el("colours").value = views.map.get("colours");
     notes = [];
     seen.reset();
+    follow.stop();
   }
+  follow.allow(["map", "profile"].includes(session.kind ?? "") && session.files?.length === 1);
   drawSession();
   tree.show(session, schema);
   drawing.show();

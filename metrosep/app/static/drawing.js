@@ -11,6 +11,8 @@ import { gripsOf, kindOf, moved, pointText, setPixel, straightened, withCorner, 
 /** @typedef {import("./drawing_parts.js").Shape} Shape */
 
 const MOST_LINES = 8;
+/** CSS pixels within which Alt finds a peak or valley. */
+const SNAP = 14;
 
 /** Peak and valley of each section that looks for them. @param {Dict[]} rows of the metrics @returns {Map<string, [Point, number][]>} */
 function marksOf(rows) {
@@ -24,8 +26,8 @@ function marksOf(rows) {
   return found;
 }
 
-/** @param {Dict} options el: the map, bar: of the tools, list: of the shapes; session(), edit(edits, label), insert(step, label), shown(a, b), say(text) */
-export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }) {
+/** @param {Dict} options el: the map, bar: of the tools, list: of the shapes; session(), edit(edits, label), insert(step, label), shown(a, b), say(text), place(request): peaks near a point, or the aperture */
+export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, place }) {
   /** @type {{ centre: number[], scale: number, size: number[] } | null} */
   let seen = null;
   let tool = "";
@@ -133,7 +135,10 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }
   function end(/** @type {PointerEvent} */ event) {
     if (!seen || !pad.hasPointerCapture(event.pointerId)) return;
     if (clicks()) {
-      click(at(event), event.shiftKey);
+      const p = at(event);
+      const shift = event.shiftKey;
+      if (event.altKey) snapped(p).then((q) => click(q, shift));
+      else click(p, shift);
       return;
     }
     const far = pen.length > 1 && Math.hypot(...toScreen(pen[0]).map((v, i) => v - toScreen(pen[pen.length - 1])[i])) >= 3;
@@ -142,6 +147,21 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }
     draft = null;
     if (made && (made.shape !== "polygon" || made.points.length > 2)) add(made);
     draw();
+  }
+
+  /** The peak or valley near a point, whichever is nearer; the point where there is none. @param {Point} p @returns {Promise<Point>} */
+  async function snapped(p) {
+    const found = await place({ what: "extremes", at: p, radius: SNAP * (seen?.scale ?? 0) });
+    const far = (/** @type {Point | null | undefined} */ q) => (q ? Math.hypot(q[0] - p[0], q[1] - p[1]) : Infinity);
+    const [peak, valley] = [found?.peak, found?.valley];
+    if (!peak) say("Nothing was measured there: no peak or valley is near.");
+    return far(peak) <= far(valley) ? peak ?? p : valley;
+  }
+
+  /** Lay a round section into what was measured. */
+  async function fitAperture(/** @type {Shape} */ shape) {
+    const found = await place({ what: "aperture" });
+    if (found) change(shape, { ...shape.table, centre: pointText(found.centre), radius: written(0.98 * found.radius) });
   }
 
   function click(/** @type {Point} */ p, /** @type {boolean} */ shift) {
@@ -319,10 +339,17 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }
     drawAll();
   }
 
+  function fitButton(/** @type {Shape} */ shape) {
+    const button = document.createElement("button");
+    Object.assign(button, { type: "button", className: "small", textContent: "fit to aperture", title: "Middle of what was measured, 2 % inside its rim" });
+    button.addEventListener("click", () => fitAperture(shape));
+    return button;
+  }
+
   function drawList() {
     const shape = current();
     const had = /** @type {HTMLElement | null} */ (document.activeElement)?.dataset?.shape;
-    list.replaceChildren(...shapes().map((one) => chipOf(one, one.index % MOST_LINES, one.id === chosen, choose)), ...(shape ? fieldsOf(shape, change) : []));
+    list.replaceChildren(...shapes().map((one) => chipOf(one, one.index % MOST_LINES, one.id === chosen, choose)), ...(shape ? fieldsOf(shape, change) : []), ...(shape?.table.kind === "circle" ? [fitButton(shape)] : []));
     list.hidden = !list.childElementCount;
     if (had) /** @type {HTMLElement | null} */ (list.querySelector(`[data-shape="${had}"]`))?.focus();
   }

@@ -18,7 +18,7 @@ export const TOOLS = [
   ["G", "round", "Round section: drag from its centre"],
   ["T", "step", "Step height: drag across its edge; again for a groove or ridge: drag from edge to edge; with Shift along 0, 45 or 90 degrees"],
   ["M", "extremes", "Peak and valley: drag from the centre of the circle that is searched"],
-  ["D", "distance", "Distance: click two points, then Enter; a third makes an angle, with Shift a circle"],
+  ["D", "distance", "Distance: click two points, then Enter; a third makes an angle, with Shift a circle; Alt takes the peak or valley near by"],
 ];
 /** What sections are called, with a number. */
 const NAMES = /** @type {Dict} */ ({ line: "line", circle: "round", distance: "distance", angle: "angle", circle3: "circle", step: "step", groove: "groove", extremes: "spot" });

@@ -183,9 +183,12 @@ export function makeMetrics(el, verdictEl, edit) {
     const table = document.createElement("table");
     table.className = "metrics";
     const head = document.createElement("tr");
-    for (const text of ["", "value", "U", ""]) {
+    for (const text of ["metric", "value", "U", "verdict"]) {
       const th = document.createElement("th");
-      th.textContent = text;
+      const name = document.createElement("span");
+      name.textContent = text;
+      name.className = ["metric", "verdict"].includes(text) ? "visually-hidden" : "";
+      th.append(name);
       if (text === "U") th.title = "expanded uncertainty, k = 2";
       head.append(th);
     }

@@ -165,7 +165,7 @@ export function makePlot(el, options) {
   foot.className = "plot-unit plot-unit-x";
   const holder = document.createElement("div");
   holder.className = "plot-holder";
-  holder.setAttribute("role", "img");
+  holder.setAttribute("role", "group"); // its handles are controls; the picture is the canvas
   holder.setAttribute("aria-label", title);
   el.append(holder, corner, foot);
 
@@ -242,6 +242,8 @@ export function makePlot(el, options) {
       }],
     },
   }, [[], ...series.map(() => [])], holder);
+  u.ctx.canvas.setAttribute("role", "img");
+  u.ctx.canvas.setAttribute("aria-label", title);
 
   if (options.wheel) {
     u.over.addEventListener("wheel", (/** @type {WheelEvent} */ event) => {
