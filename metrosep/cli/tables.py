@@ -38,6 +38,7 @@ from metrosep.cli.positioning import (
 
 if TYPE_CHECKING:
     from metrosep.core.runset import RunSet
+    from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = [
     "print_table",
@@ -203,7 +204,7 @@ def turned_runs(files: tuple[str, ...], options: dict[str, Any]) -> RunSet | Non
 
 def _carried_of(
     document: dict[str, Any], controller: str, options: dict[str, Any]
-) -> tuple[Any, RunSet, Any]:
+) -> tuple[Any, RunSet | ErrorEstimate, Any]:
     """Return the table or polynomial of a result, the runs to dry-run it against, and its folds."""
     from metrosep.recipe.outputs import carried_of
     from metrosep.recipe.result import is_positioning

@@ -89,7 +89,7 @@ def _origin(check: Mapping[str, Any], quantity: Quantity) -> tuple[float, str]:
     """Return the coverage factor of U of a check, and where U comes from."""
     if "U" in check:
         return check.get("k", 2.0), str(check.get("U_from", "stated"))
-    from metrosep.forms.result import expanding_factor
+    from metrosep.forms._correlated import expanding_factor
 
     dof = quantity.dof
     k = 2.0 if dof is None else expanding_factor(dof)
@@ -267,7 +267,7 @@ def _by_the_fit(
     two-sided. A radius is judged by its curvature, which is normal where the radius is not.
     """
     from metrosep.forms.conic import curvature_name
-    from metrosep.forms.result import expanding_factor, student
+    from metrosep.forms._correlated import expanding_factor, student
 
     metric, factor = check["metric"], check.get("guard_factor", 1.0)
     quantity = found[metric]

@@ -282,7 +282,7 @@ class Recipe:
         plain = method is None and not pipeline
         if "input" not in data and not (method is not None and method.reads == "nothing"):
             raise top.error('the recipe needs the key "input"')
-        columns = {"x", "z"} & dict(data.get("input") or {}).keys() if plain else set()
+        columns: set[str] = {"x", "z"} & dict(data.get("input") or {}).keys() if plain else set()
         if len(columns) == 1:  # files whose names and units tell their columns need neither
             other = "z" if "x" in columns else "x"
             raise place("[input]").error(f'[input] needs the key "{other}"')

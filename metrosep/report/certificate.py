@@ -355,7 +355,7 @@ def expanded_of(entry: Document, row: CharacteristicRow) -> tuple[float | None, 
         return None, None
     k = _NORMAL_K
     if entry.get("dof") is not None:
-        from metrosep.forms.result import expanding_factor
+        from metrosep.forms._correlated import expanding_factor
 
         k = expanding_factor(float(entry["dof"]))
     return k * row.u, k

@@ -247,7 +247,7 @@ def _expanded(entry: Document, metric: str) -> float | None:
     dof = known_number(entry.get("dof"), f"the degrees of freedom of {metric}")
     if dof is None:
         return _COVERAGE * u
-    from metrosep.forms.result import expanding_factor
+    from metrosep.forms._correlated import expanding_factor
 
     return expanding_factor(dof) * u if dof > 0.0 else None
 

@@ -438,7 +438,7 @@ def series_section(document: Document, folder: Path | None = None) -> dict[str, 
 
 
 def _drift_line(term: Any) -> str:
-    from metrosep.forms.result import expanding_factor
+    from metrosep.forms._correlated import expanding_factor
 
     k = expanding_factor(sum(map(math.isfinite, term.values)) - 2)  # of a slope
     unit, factor = readable_unit([term.drift], term.unit)

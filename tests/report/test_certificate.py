@@ -281,7 +281,7 @@ def test_the_probability_of_conformity_is_that_of_the_guide():
 
 
 def test_k_follows_the_degrees_of_freedom():
-    from metrosep.forms.result import expanding_factor
+    from metrosep.forms._correlated import expanding_factor
     from metrosep.parameters import coverage_factor
 
     known = {3: 3.306822, 5: 2.648649, 10: 2.283678, 20: 2.133025, 50: 2.051248}
