@@ -198,16 +198,14 @@ def _larger(
 ) -> tuple[FloatArray, float]:
     """Return the larger of two expanded uncertainties as a covariance, and its degrees of freedom.
 
-    The correlations are those of part A; of white noise if that has none. The freedom is that of the
-    estimates which are the larger for some parameter.
+    The correlations are those of part A; of white noise if that has none. The freedom is that of part B
+    where it is the larger for some parameter: with fewer, a guard band t_0.95 u would be a smaller part
+    of the same expanded uncertainty.
     """
     dof_a, dof_b = max(1.0, dof_a), max(1.0, dof_b)
     a, b = (np.sqrt(np.maximum(np.diag(v), 0.0)) for v in (by_a, by_b))
     k_a, k_b = (expanding_factor(v) for v in (dof_a, dof_b))
-    dof = min(
-        dof_a if (k_a * a > k_b * b).any() else np.inf,
-        dof_b if (k_b * b >= k_a * a).any() else np.inf,
-    )
+    dof = dof_b if (k_b * b >= k_a * a).any() else dof_a
     own = by_a if (a > 0.0).all() else white
     size = np.sqrt(np.diag(own))
     u = np.fmax(k_a * a, k_b * b) / expanding_factor(dof)
@@ -518,7 +516,7 @@ def _spectra(f: FloatArray) -> FloatArray:
     for B in (1.0, 2.0, 3.0, 4.0, 8.0):
         lengths = np.geomspace(1 / 16, 4.0, 10) if B < 8.0 else np.geomspace(1 / 16, 1.0, 16)
         found += [(1.0 + 2.0 * np.square(np.pi * v * f) / B) ** (-0.5 * B) for v in lengths]
-    found += [np.exp(-np.square(np.pi * v * f)) for v in np.geomspace(1 / 16, 1.0, 28)]
+    found += [np.exp(-np.square(np.pi * v * f)) for v in np.geomspace(1 / 16, 1.0, 90)]
     return np.asarray(found)
 
 

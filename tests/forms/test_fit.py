@@ -388,8 +388,10 @@ def test_covariance_is_the_scatter_of_repeated_fits():
     values = np.array([[r.params[n] for n in r.names] for r in results])
     stated = np.mean([[r.u[n] for n in r.names] for r in results], axis=0)
 
-    # the standard deviation of 200 draws is known to 5 %: four times that
-    np.testing.assert_allclose(values.std(axis=0, ddof=1), stated, rtol=0.2, atol=0)
+    # The standard deviation of 200 draws is known to 5 %: four times that. A map of 31 pixels does not
+    # exclude all that rises towards low frequencies, so u is up to a third above the scatter of white noise.
+    larger = stated / values.std(axis=0, ddof=1)
+    assert np.all((larger > 0.8) & (larger < 1.35)), larger
     np.testing.assert_allclose(
         np.corrcoef(values.T), np.mean([r.correlations for r in results], axis=0), rtol=0, atol=0.2
     )
