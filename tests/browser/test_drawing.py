@@ -291,7 +291,7 @@ def test_the_mask_that_was_drawn_takes_out_the_pixels_inside(
     inside = np.hypot(x - cx, y - cy) <= metres(table["aperture"]["diameter"]) / 2 * (1 + 1e-9)
     taken = int(np.count_nonzero(inside & ~np.isnan(z)))
     assert taken > 10_000
-    assert f"{taken} measured heights taken out" in page.run(
+    assert f"{taken} measured heights removed" in page.run(
         "document.getElementById('messages').title"
     )
 

@@ -213,6 +213,8 @@ def test_a_threshold_that_nothing_passes_is_told_and_taken_back(
 
 
 def test_the_range_is_one_edit_of_two_keys(opened: Opened, recipe: Path) -> None:
+    # without its table (and the check of it), which is refused where it ends inside the travel and would make that worse
+    recipe.write_text(recipe.read_text("utf-8").split("[[check]]")[0], "utf-8")
     page = opened(recipe, DONE)
     before = text_of(page)
     start = page.middle("#run-curves [data-handle=start]")

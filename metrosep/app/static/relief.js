@@ -162,7 +162,8 @@ export function makeRelief(el, { table, lines }) {
         }
       }
     }
-    gl.finish();
+    // finish() does not wait for a graphics process of its own; a pixel that is read does
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     const took = performance.now() - began;
     if (moving && took > SLOW_MS) coarse = Math.min(8, coarse * 2);
     drawAxes(m, view, unit);
