@@ -612,7 +612,9 @@ class Wanted:
         """Checks whose refusal the recipe accepts."""
         return tuple(self.output.get("waive", ()))
 
-    def carried(self, basis: Mapping[str, Any]) -> tuple[Any, RunSet | ErrorEstimate, Folds | None]:
+    def carried(
+        self, basis: Mapping[str, Any]
+    ) -> tuple[Any, RunSet | ErrorEstimate, Folds | None]:
         """Return what the controller will hold, the runs for its dry-run, and what it is without each."""
         return carried_of(basis, self.output)
 

@@ -266,8 +266,8 @@ def _by_the_fit(
     With U = "from fit" the guard band is t_0.95 u, one-sided, and U is k u with k of 95.45 %,
     two-sided. A radius is judged by its curvature, which is normal where the radius is not.
     """
-    from metrosep.forms.conic import curvature_name
     from metrosep.forms._correlated import expanding_factor, student
+    from metrosep.forms.conic import curvature_name
 
     metric, factor = check["metric"], check.get("guard_factor", 1.0)
     quantity = found[metric]
