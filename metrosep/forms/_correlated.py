@@ -107,8 +107,10 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
         by_a = inverse @ M @ inverse.T
         if not is_line and max(r.shape) > _SIDE_B:
             coarser = -(-max(r.shape) // _SIDE_B)
-            x, y, J, r = _blocks(x, y, J, r, coarser, coarser)
-            good = ~np.isnan(r)
+            few = _blocks(x, y, J, r, coarser, coarser)
+            here = ~np.isnan(few[3])
+            if _is_of_full_rank(few[2][:, here]):  # a narrow groove may be lost between the blocks
+                (x, y, J, r), good = few, here
         by_b, n_functions, bounded = _next_to_the_model(
             x[good], y[good], J[:, good], r[good], is_line=is_line
         )
@@ -218,6 +220,14 @@ def _factors(J: FloatArray, r: FloatArray) -> tuple[FloatArray, FloatArray, Floa
     length = np.where(length > 0.0, length, 1.0)
     Q, R = np.linalg.qr((J / length[:, None]).T)
     return Q, R * length, r - Q @ (Q.T @ r)
+
+
+def _is_of_full_rank(J: FloatArray) -> bool:
+    """Return whether the derivatives (p, n) can be distinguished at these points."""
+    if J.shape[0] >= J.shape[1]:
+        return False
+    R = _factors(J, np.zeros(J.shape[1]))[1]
+    return bool((np.abs(np.diag(R)) > _TIED * np.linalg.norm(R, axis=0)).all())
 
 
 def _means(

@@ -16,7 +16,13 @@ from metrosep.core.profile import Profile, html_table
 from metrosep.core.public import PublicObject, shortened
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering, format_length
-from metrosep.forms._correlated import Estimate, estimated, expanding_factor, from_model
+from metrosep.forms._correlated import (
+    Estimate,
+    estimated,
+    expanding_factor,
+    from_model,
+    student,
+)
 from metrosep.forms.base import RIGID, Form, Placement
 from metrosep.forms.conic import curvature_name
 from metrosep.forms.linear import Robust, winsorised
@@ -25,7 +31,7 @@ from metrosep.forms.points import PointSet, points_of
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["FitResult"]
+__all__ = ["FitResult", "expanding_factor", "student"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
