@@ -16,6 +16,13 @@ function sizeText(bytes) {
   return `${k && v < 9.95 ? v.toFixed(1) : Math.round(v)} ${SIZES[k]}`;
 }
 
+/** Date and time of day on this computer. @param {number} seconds since 1970 */
+function timeText(seconds) {
+  const at = new Date(1000 * seconds);
+  const two = (/** @type {number} */ v) => String(v).padStart(2, "0");
+  return `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} ${two(at.getHours())}:${two(at.getMinutes())}`;
+}
+
 const nameOf = (/** @type {string} */ path) => path.replace(/[/\\\\]+$/, "").split(/[/\\\\]/).pop() ?? path;
 
 /**
@@ -75,7 +82,7 @@ export function makeBrowser(wire, chosen) {
   function item(/** @type {Dict} */ one) {
     const li = make("li", { tabIndex: -1, title: one.path },
       make("b", { textContent: one.is_folder ? `${one.name}/` : one.name }), make("span", { textContent: one.is_folder ? "" : one.kind || "not known" }),
-      make("span", { textContent: one.is_folder ? "" : sizeText(one.size) }), make("span", { textContent: one.changed ? new Date(1000 * one.changed).toLocaleString("sv-SE").slice(0, 16) : "" }));
+      make("span", { textContent: one.is_folder ? "" : sizeText(one.size) }), make("span", { textContent: one.changed ? timeText(one.changed) : "" }));
     li.setAttribute("role", "option");
     li.setAttribute("aria-selected", String(picked.has(one.path)));
     li.dataset.path = one.path;
