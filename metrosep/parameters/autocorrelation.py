@@ -284,8 +284,10 @@ def _polished(
     reach = 1.0 / max(length, 1.0)
     trials = [(here, angle)]
     if excess is not None:
+        # A direction without an end loses; it is finite, as the search draws parabolas.
+        worst = max(sign, 0.0) * (length + 2.0) * math.hypot(acf.dx, acf.dy)
         found = optimize.minimize_scalar(
-            lambda a: sign * np.nan_to_num(distance(a), nan=sign * math.inf),
+            lambda a: float(np.nan_to_num(sign * distance(a), nan=worst)),
             bounds=(angle - reach, angle + reach),
             method="bounded",
             options={"xatol": 1e-3 * reach},
