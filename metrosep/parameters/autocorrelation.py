@@ -273,12 +273,17 @@ def _polished(
 
     def distance(a: float) -> float:
         c, s = math.cos(a), math.sin(a)
-        low, high = max(length - 1.5, 0.0), length + 1.5
-        if excess is None or not excess(low * c, low * s) > 0.0 > excess(high * c, high * s):
-            root = length if a == angle else math.nan
-        else:
-            root = float(optimize.brentq(lambda t: excess(t * c, t * s), low, high, xtol=1e-9))
-        return root * math.hypot(c * acf.dx, s * acf.dy)
+        root = length if a == angle else math.nan
+        if excess is not None:
+            # The next lobe may begin within a pixel or two: the first crossing is the end.
+            t = np.linspace(max(length - 1.5, 0.0), length + 1.5, 31)
+            above = excess(t * c, t * s) > 0.0
+            first = int(np.argmin(above))
+            if above[0] and not above[first]:
+                root = optimize.brentq(
+                    lambda t: excess(t * c, t * s)[0], t[first - 1], t[first], xtol=1e-9
+                )
+        return float(root) * math.hypot(c * acf.dx, s * acf.dy)
 
     here = distance(angle)
     reach = 1.0 / max(length, 1.0)
@@ -305,7 +310,7 @@ def _half_turn(angle: float) -> float:
 
 def _cubic_around(
     acf: Autocorrelation, values: FloatArray, end: FloatArray, threshold: float
-) -> Callable[[float, float], float] | None:
+) -> Callable[[FloatArray | float, FloatArray | float], FloatArray] | None:
     """Return the autocorrelation less the threshold near an end, x and y in pixels from lag zero."""
     from scipy import ndimage
 
@@ -318,9 +323,10 @@ def _cubic_around(
         return None
     cubic = ndimage.spline_filter(values[ys, xs + acf.m_x], order=3)
 
-    def excess(x: float, y: float) -> float:
-        at = [[y - y0], [x - x0]]
-        return float(ndimage.map_coordinates(cubic, at, order=3, prefilter=False)[0] - threshold)
+    def excess(x: FloatArray | float, y: FloatArray | float) -> FloatArray:
+        at = np.stack([np.atleast_1d(y) - y0, np.atleast_1d(x) - x0])
+        found: FloatArray = ndimage.map_coordinates(cubic, at, order=3, prefilter=False)
+        return found - threshold
 
     return excess
 

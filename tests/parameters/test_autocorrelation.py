@@ -108,6 +108,18 @@ def test_only_lags_in_sight_of_zero_belong_to_the_lobe():
     assert lobe.shortest == pytest.approx(10.5, abs=0.6)
 
 
+def test_a_second_lobe_within_three_pixels_does_not_hide_the_end():
+    # Fine waves: the autocorrelation rises above 0.2 again 1.5 pixels behind its first fall. A
+    # straight line between the pixels at 1 (0.291) and 2 (0.072) gives 1.42 pixels.
+    def waves(x, y):
+        lobes = np.exp(-((x / 0.9) ** 2)) + 0.5 * np.exp(-(((np.abs(x) - 3.0) / 0.7) ** 2))
+        return lobes * np.exp(-((y / 20.0) ** 2))
+
+    fall = 1.14255  # exp(-(x / 0.9)^2) = 0.2 - 0.5 exp(-((x - 3) / 0.7)^2)
+    assert waves(fall, 0.0) == pytest.approx(0.2, abs=1e-5)
+    assert lobe_of(waves).shortest == pytest.approx(fall, rel=0.05, abs=0.0)
+
+
 def test_lobe_that_reaches_the_largest_lag_has_no_longest():
     x = np.arange(200.0)
     grooves = np.tile(np.cos(2 * np.pi * x / 25), (100, 1))
