@@ -79,7 +79,10 @@ def _call(name: str) -> Call:
     """Return what a name with arguments means, of a map or of any kind of profile."""
     if name.lstrip().startswith(("S", "V")):
         return call_of(name, AREAL)
-    return call_of(name, PROFILE, name.lstrip()[:1])
+    from metrosep.parameters.profile import _renamed
+
+    name = _renamed(name.lstrip(), "R")
+    return call_of(name, PROFILE, name[:1])
 
 
 def _one_spelling(name: str) -> str:

@@ -766,6 +766,8 @@ def _family(obj: Surface | Profile, name: str) -> str:
         return "R"
     if isinstance(obj, Profile) and name[:1] in ("P", "W", "R"):
         return name[0]
+    if isinstance(obj, Profile) and name.startswith("tp("):
+        return ""  # ASME's name of mr, of any kind
     if isinstance(obj, Surface) and name[:1] in ("S", "V"):
         return "S"
     what = "map" if isinstance(obj, Surface) else "profile"
