@@ -62,6 +62,8 @@ class Row:
     curves: dict[int, Curve]  # for +1 and -1, as far as there is one: the error in m over position
     # positions that were measured, rising, m; empty for a function
     places: dict[int, FloatArray] = field(default_factory=dict)
+    # holes, from and to in m, in which it takes the shape of the others
+    bridged: dict[int, tuple[tuple[float, float], ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -585,7 +585,9 @@ def _notes(
     """Return what was assumed of temperatures, and the lost motion that is not in the table."""
     if not isinstance(error, PitchErrors):
         told = isinstance(error, ErrorEstimate) and on_axis and not is_rotary(axis)
-        return (heat or Expansion()).messages if told else ()
+        set_ups = getattr(error, "audit", {}).get("set_ups")
+        said = (heat or Expansion()).messages if told else ()
+        return (*([str(set_ups)] if set_ups else []), *said)
     if not on_axis:
         return (
             *error.messages,

@@ -26,11 +26,11 @@ from metrosep.compensation._acceptance import (
     judge,
     outside_is_worse,
 )
+from metrosep.compensation._holes import OF_RUNS, spacing_of, without_holes
 from metrosep.compensation.area_errors import LENGTHS, AxisUnits, format_amount, is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import (
     Against,
-    Curve,
     Folds,
     Measured,
     Row,
@@ -166,7 +166,7 @@ def dry_run(
     first, last = max(span[0], low), min(span[1], high)
     holes: tuple[list[str], list[str]] = ([], [])
     if how == "runs":
-        measured, holes = _without_holes(measured, span, (first, last), entries, units)
+        measured, holes = without_holes(measured, span, (first, last), entries, units)
     if not last > first:
         raise TableError(
             f"the table covers {units.place(span[0])} ... {units.place(span[1])}, the measurement "
@@ -354,12 +354,19 @@ def _positions(
     grids = []
     for d in measured.directions:
         places = [row.places.get(d, np.empty(0)) for row in measured.rows]
-        # the targets of a list that every run has a reading of; equal steps if the runs have no list
-        here, near = places[0], 1e-9 * (last - first)
-        for p in places[1:]:
-            at = np.clip(np.searchsorted(p, here), 1, max(p.size - 1, 1))
-            apart = np.abs(p[np.clip([at - 1, at], 0, p.size - 1)] - here).min(axis=0)
-            here = here[apart <= near]
+        # the targets of a list that every run has a reading of, or is bridged at; equal steps if the
+        # runs have no list
+        near = 1e-9 * (last - first)
+        here = np.sort(np.concatenate(places))
+        here = here[np.diff(here, prepend=-np.inf) > near]
+        for row, p in zip(measured.rows, places, strict=True):
+            if p.size:
+                at = np.searchsorted(p, here)
+                apart = np.abs(p[np.clip([at - 1, at], 0, p.size - 1)] - here).min(axis=0)
+                known = apart <= near
+                for a, b in row.bridged.get(d, ()):
+                    known |= (here > a) & (here < b)
+                here = here[known]
         inside = here[(here >= first - near) & (here <= last + near)]
         most = max(((p >= first) & (p <= last)).sum() for p in places)
         listed = _FEWEST <= inside.size < _GRID_POINTS and 2 * inside.size > most
@@ -607,7 +614,7 @@ def _scatter(shares: FloatArray) -> float:
 
 # ---- the share of the table that was measured ---------------------------------------------------
 
-COVERED, _HOLE, _LONG_STEP, _OF_RUNS = 0.95, 0.05, 2.5, 0.5
+COVERED = 0.95
 
 
 def _coverage(
@@ -620,7 +627,7 @@ def _coverage(
     """Return 1.9: the share of the table that was measured, holes in it, and the share of the runs."""
     refused, warnings, units = [], list(holes[1]), shape.units
     length = span[1] - span[0]
-    spacing = _spacing(span, entries)
+    spacing = spacing_of(span, entries)
     share = (common[1] - common[0]) / length
     ranges = (
         f"the table covers {units.place(span[0])} ... {units.place(span[1])}, the measurement "
@@ -635,104 +642,12 @@ def _coverage(
     if shape.how == "runs":
         refused += holes[0][:1]
         whole = shape.measured.span[1] - shape.measured.span[0]
-        if (common[1] - common[0]) / whole < _OF_RUNS:
+        if (common[1] - common[0]) / whole < OF_RUNS:
             warnings.append(
                 f"the table covers {100.0 * (common[1] - common[0]) / whole:.3g} % of what was measured: "
                 "check the origin and the unit of the positions"
             )
     return [Reason("refused", "coverage", text) for text in refused], warnings
-
-
-def _spacing(span: tuple[float, float], entries: FloatArray | None) -> float:
-    return (span[1] - span[0]) / max((2 if entries is None else entries.size) - 1, 1)
-
-
-def _holes(
-    x: FloatArray, common: tuple[float, float], most: float, long: float
-) -> list[tuple[float, float]]:
-    """Return between which readings of a run, inside the table, nothing was measured."""
-    steps = np.diff(x)
-    inside = (x[1:] > common[0]) & (x[:-1] < common[1])
-    usual = float(np.median(steps))
-    # of a list of targets the usual step counts
-    longest = _LONG_STEP * usual if long < 2.0 * usual else most
-    wide = np.flatnonzero(inside & (steps > longest * (1.0 + 1e-9)))
-    return [(float(x[i]), float(x[i + 1])) for i in wide]
-
-
-def _without_holes(
-    measured: Measured,
-    span: tuple[float, float],
-    common: tuple[float, float],
-    entries: FloatArray | None,
-    units: AxisUnits,
-) -> tuple[Measured, tuple[list[str], list[str]]]:
-    """Return the runs, a hole of one that most others cover bridged; what is refused, and warnings.
-
-    In a hole a run takes the shape of the mean of those that were measured there, and a line on top
-    that joins it to its own readings: a straight line across would count as an error of the table.
-    It is no witness there: with n runs of which m were measured, the deviations of these from their
-    mean grow by sqrt(n (n - 1) / (m (m - 1))), so that the scatter of n runs is that of m.
-    """
-    long = _HOLE * (span[1] - span[0])
-    most = max(2.0 * _spacing(span, entries), long)
-    found = {
-        (i, d): _holes(x, common, most, long)
-        for i, row in enumerate(measured.rows)
-        for d, x in row.places.items()
-    }
-    curves = [dict(row.curves) for row in measured.rows]
-    bridged: list[tuple[int, float, float]] = []
-    refused: list[str] = []
-    warnings: list[str] = []
-    for (i, d), holes in found.items():
-        row, missing = measured.rows[i], sum(b - a for a, b in holes)
-        for a, b in holes:
-            there = [
-                j
-                for (j, way), theirs in found.items()
-                if way == d and j != i and not any(low < b and high > a for low, high in theirs)
-            ]
-            where = (
-                f"run {row.name} was not measured between {units.place(a, digits=6)} and "
-                f"{units.place(b, digits=6)}"
-            )
-            if 2 * len(there) > len(curves) and missing < _OF_RUNS * (common[1] - common[0]):
-                others = [measured.rows[j].curves[d] for j in there]
-                n = len(curves) - sum(
-                    way == d and low < b and high > a for way, low, high in bridged
-                )
-                curves[i][d] = _joined(curves[i][d], others, a, b, 0.0)
-                for j in there:
-                    curves[j][d] = _joined(curves[j][d], others, a, b, math.sqrt(n / (n - 2.0)))
-                bridged.append((d, a, b))
-                warnings.append(
-                    f"{where}, inside the table: there it is judged by the {len(there)} runs that were"
-                )
-            else:
-                refused.append(f"{where}, inside the table: measure there, or leave it out")
-    rows = tuple(replace(row, curves=own) for row, own in zip(measured.rows, curves, strict=True))
-    return replace(measured, rows=rows), (refused, warnings)
-
-
-def _joined(curve: Curve, others: list[Curve], a: float, b: float, share: float) -> Curve:
-    """Return a curve that between a and b has the shape of the mean of others, and no step.
-
-    `share` of its own deviation from that shape is kept.
-    """
-    ends = np.array([a, b])
-
-    def shape(of: Curve, p: FloatArray) -> FloatArray:
-        return of(p) - np.interp(p, ends, of(ends))
-
-    def at(p: FloatArray) -> FloatArray:
-        mean = np.mean([shape(other, p) for other in others], axis=0)
-        inside = mean + np.interp(p, ends, curve(ends))
-        if share:
-            inside = inside + share * (shape(curve, p) - mean)
-        return np.where((p > a) & (p < b), inside, curve(p))
-
-    return at
 
 
 def _alignment(shape: _Shape) -> list[Reason]:

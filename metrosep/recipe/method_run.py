@@ -268,7 +268,9 @@ def _results(method: type[Method], files: Sequence[Path]) -> Results:
     for file in files:
         document = load_document(file)
         if "Separation" not in method.accepts:
-            items.append(stored_estimate(document))
+            estimate = stored_estimate(document)
+            came_from = Step("read_result", {"result": file.resolve().parent.name})
+            items.append(replace(estimate, history=(*estimate.history, came_from)))
         else:
             stored = document.get("separation") or {}
             if not stored.get("parts"):

@@ -114,6 +114,45 @@ def test_one_run_with_a_hole_does_not_refuse_the_table(metrosep, runs_csv, tmp_p
     assert "the 8 runs that were" in stdout
 
 
+@pytest.mark.parametrize(("n", "lost", "direction"), [(101, 1, -1), (101, 4, 1), (4001, 4, -1)])
+def test_wrong_entries_inside_a_hole_are_seen(metrosep, tmp_path, n, lost, direction):
+    """400 nm too much from 44 to 51 mm, where some of nine runs were not measured."""
+    x = np.linspace(0.0, 100e-3, n)
+    e = 2e-6 * np.sin(2 * np.pi * x / 80e-3)
+    lines = ["run,feed_mm_min,x_mm,z_um"]
+    for i in range(9):
+        hole = (i < lost) & (x > 40e-3) & (x < 55e-3)
+        rows = [
+            f"{i},600,{p * 1e3:.4f},{'' if h else f'{v * 1e6:.6f}'}"
+            for p, v, h in zip(x, e, hole, strict=True)
+        ]
+        lines += rows[::direction]
+    runs = tmp_path / "runs.csv"
+    runs.write_text("\n".join(lines) + "\n")
+    places = np.linspace(0.0, 100.0, 201)
+    bump = np.where((places >= 44.0) & (places <= 51.0), 0.4e-3, 0.0)
+    values = places + np.interp(places, x * 1e3, e * 1e3) + bump
+    wrong = tmp_path / "wrong.comp"
+    wrong.write_text("".join(f"{p} {v} {v}\n" for p, v in zip(places, values, strict=True)))
+
+    code, out, err = metrosep(
+        "verify", wrong, "--against", runs, *COLUMNS, "--machine", "linear_units=mm", "--json"
+    )
+    (residual,) = json.loads(out)["residuals"]
+
+    # within the share that the ends of the bump have between two readings
+    assert residual["after_rms_m"] == pytest.approx(np.std(bump) * 1e-3, rel=0.04, abs=0.0)
+    said = f"there it is judged by the {9 - lost} runs that were"
+    assert said in out
+    if n == 101:
+        code, out, err = metrosep(
+            "table", runs, *COLUMNS, "--method", "mean", "--compensates", "X", "--axis", "X",
+            "-o", tmp_path / "x.comp", "--json"
+        )  # fmt: skip
+        assert code in (0, 3), err
+        assert said in out + err
+
+
 def test_verify_rejects_a_flipped_table_with_code_1(metrosep, runs_csv, tmp_path):
     comp = tmp_path / "x.comp"
     code, _, _ = metrosep(

@@ -112,6 +112,11 @@ def test_u_of_a_difference_is_that_of_the_covariance_known_outside():
     assert estimate.u_of_difference([], zero).size == 0
 
 
+def test_what_is_no_reversal_has_no_slide():
+    with pytest.raises(DataError, match="straightedge_reversal"):
+        slide_error(pair()[0])
+
+
 def slide(x):
     return 250 * NM * np.cos(2 * np.pi * x / 12e-3 + 0.4) + 90 * NM * np.sin(2 * np.pi * x / 37e-3)
 
@@ -182,6 +187,8 @@ def test_from_runs_to_the_slide_at_the_command_line(tmp_path, capsys):
         assert np.sqrt(np.mean(error**2)) < 2.5 * np.sqrt(np.mean(u**2))
         assert np.sqrt(np.mean(error**2)) < 15 * NM
         np.testing.assert_allclose(np.diag(found.covariance(part)), u**2, rtol=1e-9, atol=0)
+    set_ups = "before: before_out (run0.csv, run1.csv, run2.csv, run3.csv, run4.csv, run5.csv), after: after_out ("
+    assert any(m.startswith(set_ups) for m in found.messages)
     # no runs read the slide alone: its table is judged by what was found
     cells = tmp_path / "slide.csv"
     code = command("table", str(out), "--axis", "Y", "--compensates", "Z", "--format", "csv",
@@ -189,6 +196,8 @@ def test_from_runs_to_the_slide_at_the_command_line(tmp_path, capsys):
     said = capsys.readouterr().err
     assert not code, said
     assert "predicted, not shown" in said
+    assert set_ups in said  # the other order gives the other sign
+    assert set_ups in (tmp_path / "slide.csv.json").read_text()
     place, added = np.loadtxt(cells, delimiter=",", skiprows=1, usecols=(0, 1)).T
     left = slide(place * 1e-3) + added * 1e-6
     assert np.std(flat(left, place)) < 0.1 * np.std(slide(x))

@@ -207,6 +207,7 @@ class StraightedgeReversal(ReversedPair):
         _refuse_same_runs(first, second)
         x = _common_positions(first, second)
         values = np.array([e.evaluate(x) for e in (first, second)])
+        set_ups = _set_ups(first, second)
         whole = first.covariance(x) + second.covariance(x)
         known = ~np.isnan(values).any(axis=0)
         require_common(known, line_basis(x), self.name)
@@ -233,9 +234,10 @@ class StraightedgeReversal(ReversedPair):
                 "n_not_measured": int((~known).sum()),
                 "removed": "least squares: offset and line",
                 "u_from": "covariance of the two estimates, independent: cov = (cov1 + cov2)/4",
+                **({"set_ups": set_ups} if set_ups else {}),
                 **self._stated_audit(),
             },
-            messages=(*first.messages, *second.messages),
+            messages=(*([set_ups] if set_ups else []), *first.messages, *second.messages),
             history=(*first.history, *second.history, self._step()),
             modes=dict.fromkeys(parts, modes),
         )
@@ -372,7 +374,8 @@ def slide_error(reversal: Separation, *, part: str = "machine") -> ErrorEstimate
     Raises
     ------
     DataError
-        If the covariance of the part is not known: it was made of readings, not of estimates.
+        If it is not a separation over x, or the covariance of the part is not known: it was made of
+        readings, not of estimates.
 
     Examples
     --------
@@ -383,7 +386,17 @@ def slide_error(reversal: Separation, *, part: str = "machine") -> ErrorEstimate
     >>> error.has_covariance
     True
     """
+    if not isinstance(reversal, Separation):
+        raise DataError(
+            "slide_error takes the separation that straightedge_reversal makes of two estimates, not "
+            f"{type(reversal).__name__}: reverse first, slide_error(straightedge_reversal(first, second))"
+        )
     reversal.covariance(part)
+    if "x" not in reversal.coordinates:
+        raise DataError(
+            f"slide_error needs a part over x in m; {reversal.method} has it over "
+            f"{', '.join(reversal.coordinates)}"
+        )
     x = reversal.coordinates["x"]
     travel = (float(x[0]), float(x[-1]))
     curves = (SampledCurve(x, reversal.parts[part]), SampledCurve(x, reversal.u[part]))
@@ -419,6 +432,25 @@ def _common_positions(first: ErrorEstimate, second: ErrorEstimate) -> FloatArray
             "over the positions of the edge"
         )
     return np.linspace(start, stop, _POINTS)
+
+
+def _set_ups(first: ErrorEstimate, second: ErrorEstimate) -> str:
+    """Return which files were taken as which set-up; empty where no file stands behind an estimate."""
+    names = [_origin(e) for e in (first, second)]
+    if not all(names):
+        return ""
+    return (
+        f"before: {names[0]}, after: {names[1]} (the edge was turned between them; in the other "
+        "order the slide has the other sign)"
+    )
+
+
+def _origin(estimate: ErrorEstimate) -> str:
+    """Return the folder of a stored result and the files of its runs."""
+    said = [s.parameters for s in estimate.history]
+    files = ", ".join(dict.fromkeys(str(p["file"]) for p in said if p.get("file")))
+    folder = next((str(p["result"]) for p in reversed(said) if p.get("result")), "")
+    return f"{folder} ({files})" if folder and files else folder or files
 
 
 def _refuse_same_runs(first: ErrorEstimate, second: ErrorEstimate) -> None:
