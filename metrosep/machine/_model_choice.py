@@ -24,6 +24,7 @@ from metrosep.machine._reading_problem import (
     places_seen,
     with_order,
 )
+from metrosep.machine.elements import element_terms
 from metrosep.machine.instruments import Instrument
 
 _MORE = (2, 4, 8, 16)
@@ -35,6 +36,8 @@ _FEWEST, _MOST = 12, 1000
 """Places of an axis in a set below which no wave is looked for, and waves that are tried."""
 _FOLLOWS, _FACTOR = 0.7, 3.0
 """Share of the readings of a set that others foretell but for a factor, and a factor that is none of noise."""
+_SHOWN = 5.0
+"""Standard deviations by which other sets must show what they foretell."""
 _DRAWN = 0.5
 """Share of the readings, repeats at one place counted once, that coefficients may take."""
 
@@ -120,6 +123,7 @@ def waves_left(problem: Problem, system: System, fit: Fit) -> list[str]:
     rest = system.y - ((system.X / system.sizes) @ system.V) @ fit.beta
     found: dict[str, tuple[float, str]] = {}
     tried, kinds = 0, problem.chain.dimensions
+    rest_of = {e.name: set(element_terms(e)) - set(problem.bases) for e in problem.chain.elements}
     for stream in system.streams:
         if not stream.rows.size:
             continue
@@ -155,7 +159,7 @@ def waves_left(problem: Problem, system: System, fit: Fit) -> list[str]:
                 text = (
                     f"{label}: what the curves leave repeats every {every} of {axis}, amplitude {amount}; "
                     "no order that was fitted follows it, and u does not contain it: give a degree of "
-                    f"{axis} that follows it"
+                    f"{axis} that follows it{', or a term that was not asked for' if rest_of[axis] else ''}"
                 )
                 found[label] = (float(stat[k]), text)
     return [text for stat, text in found.values() if math.exp(-0.5 * stat) * tried < _CHANCE]
@@ -179,9 +183,19 @@ def factors_of_sets(problem: Problem, system: System, fit: Fit) -> list[str]:
         own = np.concatenate([np.zeros(0, dtype=np.intp), *listed])
         if mine.size < own.size + _FEWEST or not rest.size:
             continue
-        found = np.linalg.lstsq(X[rest], y[rest], rcond=1e-5)[0]
+        # what the others show beyond their noise (weighted: 1) foretells; all else is fitted, so left out
+        U, singular, W = np.linalg.svd(X[rest], full_matrices=True)
+        part = U.T[: singular.size] @ y[rest]
+        sure = (singular > 1e-5 * singular[0]) & (np.abs(part) > _SHOWN)
+        if not sure.any():
+            continue
+        found = W[: singular.size][sure].T @ (part[sure] / singular[sure])
         found[own] = 0.0
-        Q = np.linalg.qr(X[mine][:, own])[0]
+        free = X[mine] @ np.delete(W, np.flatnonzero(sure), axis=0).T
+        Q, size, _ = np.linalg.svd(np.column_stack([free, X[mine][:, own]]), full_matrices=False)
+        Q = Q[:, size > 1e-9 * size.max(initial=0.0)]
+        if mine.size < Q.shape[1] + _FEWEST:
+            continue
         told, read = (v - Q @ (Q.T @ v) for v in (X[mine] @ found, y[mine]))
         sizes = float(told @ told), float(read @ read), float(told @ read)
         if min(sizes[:2]) <= 0.0 or sizes[2] ** 2 < _FOLLOWS * sizes[0] * sizes[1]:

@@ -43,3 +43,20 @@ def test_readings_pasted_twice_are_still_reported():
     )  # fmt: skip
     found = calibrate(presets("mill_xyz"), [twice], terms=["EXX"])
     assert "pasted twice" in " ".join(found.messages)
+
+
+def test_sets_that_do_not_determine_a_term_foretell_nothing_of_it():
+    """A yaw of 19 urad shows at Y = 200 mm only: 20 times the reading at Y = 0 is no wrong unit."""
+    rng = np.random.default_rng(3)
+    x = np.tile(np.r_[np.linspace(0.0, REACH, 11), np.linspace(REACH, 0.0, 11)], 3)
+    sets = [
+        ReadingSet(
+            Displacement(direction=(1, 0, 0)), {"X": x, "Y": y, "Z": 0.0},
+            slope * x + rng.normal(0.0, 1e-7, x.size), unknown=("offset",), name=f"at {y}",
+        )
+        for y, slope in ((0.0, 0.5e-6), (0.2, 10e-6))
+    ]  # fmt: skip
+    found = calibrate(presets("mill_xyz"), sets, terms=["EXX", "ECX"])
+    assert "foretell" not in " ".join(found.messages)
+    yaw = -(10e-6 - 0.5e-6) / 0.2 * REACH  # at the end of the travel: dx = -Y ECX
+    assert found.errors["ECX"].evaluate(REACH).item() == pytest.approx(yaw, abs=1.5e-6)
