@@ -8,7 +8,7 @@ Waves shorter than a third of the way are looked for in what is left, by a score
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,14 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TooFewSamplesError
 from metrosep.core.units import format_engineering
 from metrosep.machine._drift_noise import Fit, Gls, inverse_times
-from metrosep.machine._reading_problem import Problem, System, axis_of_term, with_order
+from metrosep.machine._reading_problem import (
+    Problem,
+    System,
+    axis_of_term,
+    places_seen,
+    with_order,
+)
+from metrosep.machine.elements import element_terms
 from metrosep.machine.instruments import Instrument
 
 _MORE = (2, 4, 8, 16)
@@ -29,8 +36,10 @@ _FEWEST, _MOST = 12, 1000
 """Places of an axis in a set below which no wave is looked for, and waves that are tried."""
 _FOLLOWS, _FACTOR = 0.7, 3.0
 """Share of the readings of a set that others foretell but for a factor, and a factor that is none of noise."""
+_SHOWN = 5.0
+"""Standard deviations by which other sets must show what they foretell."""
 _DRAWN = 0.5
-"""Share of the readings that coefficients may take."""
+"""Share of the readings, repeats at one place counted once, that coefficients may take."""
 
 
 def raised_degrees(
@@ -44,22 +53,24 @@ def raised_degrees(
 ) -> dict[str, int]:
     """Return the axes, of those whose degree is free, whose curves must be of a higher degree."""
     raised = {}
-    here = _cost(system, fit, problem.sets)
+    floors = problem.steps / math.sqrt(12.0)
+    most = _DRAWN * min(system.y.size, places_seen(problem.sets))
+    here = _cost(system, fit, floors)
     for axis in axes:
-        best, at = _plain(system, fit), 0
+        best, at = _plain(system, fit, floors), 0
         wider = {}
         for top in _tops(problem, axis):
             bases = {n: with_order(problem, n, {axis: top}, homes) for n in problem.bases}
             if bases == problem.bases:
                 continue
             trial = Problem(problem.chain, bases, problem.sets)
-            if trial.n_terms > _DRAWN * system.y.size:
+            if trial.n_terms > most:
                 break
             try:
                 wider[top] = trial.assembled(current, good)
             except TooFewSamplesError:
                 break
-            cost = _plain(wider[top], fit)
+            cost = _plain(wider[top], fit, floors)
             if cost < best - _WORTH:
                 best, at = cost, top
         if not at:
@@ -67,7 +78,7 @@ def raised_degrees(
         found = wider[at]
         Z = (found.X / found.sizes) @ found.V
         better = Gls(Z, found.y, found.streams, [s.u for s in problem.sets]).best()
-        if _cost(found, better, problem.sets) < here - _WORTH:
+        if _cost(found, better, floors) < here - _WORTH:
             raised[axis] = at
     return raised
 
@@ -81,25 +92,27 @@ def _tops(problem: Problem, axis: str) -> list[int]:
     return [max(mine) + more for more in _MORE] if mine else []
 
 
-def _plain(system: System, fit: Fit) -> float:
+def _plain(system: System, fit: Fit, floors: FloatArray) -> float:
     """Return the cost of a model by ordinary least squares with the weights of a fit."""
-    weights = np.empty(system.y.size)
+    weights, least = np.empty(system.y.size), 0.0
     for stream in system.streams:
-        weights[stream.rows] = 1.0 / fit.scales[stream.which]
+        s = max(fit.scales[stream.which], floors[stream.which])
+        weights[stream.rows] = 1.0 / s
+        least += stream.rows.size * float(floors[stream.which] / s) ** 2  # steps are no form
     Z = np.linalg.qr(((system.X / system.sizes) @ system.V) * weights[:, None])[0]
     y = system.y * weights
     rest = y - Z @ (Z.T @ y)
-    square = max(float(rest @ rest), 1e-20 * float(y @ y), np.finfo(np.float64).tiny)
+    square = max(float(rest @ rest), least, 1e-20 * float(y @ y), np.finfo(np.float64).tiny)
     return float(y.size * math.log(square) + Z.shape[1] * math.log(y.size))
 
 
-def _cost(system: System, fit: Fit, sets: Sequence[Any]) -> float:
+def _cost(system: System, fit: Fit, floors: FloatArray) -> float:
     """Return -2 log likelihood, and the cost of the coefficients (BIC)."""
     rest = system.y - ((system.X / system.sizes) @ system.V) @ fit.beta
     total = fit.beta.size * math.log(max(system.y.size, 2))
     for stream in system.streams:
         solved, logdet = inverse_times(rest[stream.rows][:, None], stream.index, fit.a, fit.tau)
-        s = float(fit.scales[stream.which])
+        s = float(max(fit.scales[stream.which], floors[stream.which]))
         total += logdet + 2.0 * stream.rows.size * math.log(s)
         total += float(rest[stream.rows] @ solved[:, 0]) / s**2
     return float(total)
@@ -110,6 +123,7 @@ def waves_left(problem: Problem, system: System, fit: Fit) -> list[str]:
     rest = system.y - ((system.X / system.sizes) @ system.V) @ fit.beta
     found: dict[str, tuple[float, str]] = {}
     tried, kinds = 0, problem.chain.dimensions
+    rest_of = {e.name: set(element_terms(e)) - set(problem.bases) for e in problem.chain.elements}
     for stream in system.streams:
         if not stream.rows.size:
             continue
@@ -129,6 +143,9 @@ def waves_left(problem: Problem, system: System, fit: Fit) -> list[str]:
             turns = math.pi * twice / span * (x - low)[:, None]
             tried += twice.size
             stat, size = _scores(turns, rest[stream.rows], stream, fit)
+            stat = np.where(
+                size > 0.5 * problem.steps[stream.which], stat, 0.0
+            )  # the steps of the display are smaller
             k = int(np.argmax(stat))
             if stat[k] > found.get(label, (0.0, ""))[0]:
                 length = 2.0 * span / float(twice[k])
@@ -142,7 +159,7 @@ def waves_left(problem: Problem, system: System, fit: Fit) -> list[str]:
                 text = (
                     f"{label}: what the curves leave repeats every {every} of {axis}, amplitude {amount}; "
                     "no order that was fitted follows it, and u does not contain it: give a degree of "
-                    f"{axis} that follows it"
+                    f"{axis} that follows it{', or a term that was not asked for' if rest_of[axis] else ''}"
                 )
                 found[label] = (float(stat[k]), text)
     return [text for stat, text in found.values() if math.exp(-0.5 * stat) * tried < _CHANCE]
@@ -166,9 +183,19 @@ def factors_of_sets(problem: Problem, system: System, fit: Fit) -> list[str]:
         own = np.concatenate([np.zeros(0, dtype=np.intp), *listed])
         if mine.size < own.size + _FEWEST or not rest.size:
             continue
-        found = np.linalg.lstsq(X[rest], y[rest], rcond=1e-5)[0]
+        # what the others show beyond their noise (weighted: 1) foretells; all else is fitted, so left out
+        U, singular, W = np.linalg.svd(X[rest], full_matrices=True)
+        part = U.T[: singular.size] @ y[rest]
+        sure = (singular > 1e-5 * singular[0]) & (np.abs(part) > _SHOWN)
+        if not sure.any():
+            continue
+        found = W[: singular.size][sure].T @ (part[sure] / singular[sure])
         found[own] = 0.0
-        Q = np.linalg.qr(X[mine][:, own])[0]
+        free = X[mine] @ np.delete(W, np.flatnonzero(sure), axis=0).T
+        Q, size, _ = np.linalg.svd(np.column_stack([free, X[mine][:, own]]), full_matrices=False)
+        Q = Q[:, size > 1e-9 * size.max(initial=0.0)]
+        if mine.size < Q.shape[1] + _FEWEST:
+            continue
         told, read = (v - Q @ (Q.T @ v) for v in (X[mine] @ found, y[mine]))
         sizes = float(told @ told), float(read @ read), float(told @ read)
         if min(sizes[:2]) <= 0.0 or sizes[2] ** 2 < _FOLLOWS * sizes[0] * sizes[1]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -237,6 +238,7 @@ class Problem:
         self._structural: FloatArray | None = None
         labels = _labels(sets)
         self.labels = labels
+        self.steps = np.array([resolution_of(s.values) for s in sets])
         self.parts = [self._fixed(s) for s in sets]
         self.forms = _forms(sets, labels, [part[0].point for part in self.parts])
         shared: dict[str, slice] = {}
@@ -380,7 +382,7 @@ class Problem:
             part = rest[begin:end]
             scale = 1.4826 * float(np.median(np.abs(part)))
             floor = 1e-9 * float(np.abs(system.y[begin:end]).max(initial=0.0))
-            bad = np.abs(part) > _GROSS * max(scale, floor)
+            bad = np.abs(part) > max(_GROSS * max(scale, floor), self.steps[k])
             kept[k].reshape(-1)[system.rows[k][bad]] = False
             begin = end
         return kept
@@ -398,6 +400,9 @@ class Problem:
             # robust: one bad reading must not hide another, nor hide behind a scale of its making
             scale = 1.4826 * float(np.median(np.abs(t)))
             bad = np.abs(t) > _REFUSED * max(scale, 1.0)
+            off = np.abs(system.y - Z @ fit.beta)
+            for stream in system.streams:  # off by a digit of the display is no contradiction
+                bad[stream.rows] &= off[stream.rows] > self.steps[stream.which]
             if not robust or not bad.any():
                 break
             begin = 0
@@ -479,12 +484,51 @@ def _refuse_scattered(reading: ReadingSet, point: FloatArray) -> None:
         )
 
 
-def repeated_rows(sets: Sequence[ReadingSet], labels: Sequence[str]) -> list[str]:
-    """Return a sentence for each set with readings that are others of the sets digit for digit, in order."""
+def resolution_of(values: ArrayLike) -> float:
+    """Return the step that all differences of readings are multiples of (Euclid); 0 where all are one."""
+    listed = np.asarray(values, dtype=np.float64).ravel()
+    listed = np.unique(listed[np.isfinite(listed)])
+    rounding = 1e-14 * float(np.abs(listed).max(initial=0.0))
+    gaps = np.diff(listed)
+    gaps = gaps[gaps > rounding]
+    if not gaps.size:
+        return 0.0
+    step = float(gaps.min())
+    while step > rounding:
+        left = np.abs(gaps - np.rint(gaps / step) * step)
+        more = left[left > 1e-3 * step]
+        if not more.size:
+            return step
+        step = float(more.min())
+    return rounding
+
+
+def places_seen(sets: Sequence[ReadingSet]) -> int:
+    """Return the number of readings when those at one place of a set are counted once."""
+    total = 0
+    for reading in sets:
+        n, k = np.asarray(reading.values).shape
+        listed = [np.broadcast_to(v, (n,)) for v in reading.q.values()]
+        places = np.round(np.column_stack(listed or [np.zeros(n)]), 9)
+        total += k * int(np.unique(places, axis=0).shape[0])
+    return total
+
+
+def repeated_rows(
+    sets: Sequence[ReadingSet], labels: Sequence[str], scales: FloatArray
+) -> list[str]:
+    """Return a sentence for each set with readings that are others digit for digit, beyond chance.
+
+    Two readings of one place with noise s agree in a display of step q by chance q/(2 s sqrt(pi)).
+    """
     said: list[str] = []
     first: dict[bytes, tuple[str, int]] = {}
-    for reading, label in zip(sets, labels, strict=True):
+    for reading, label, s in zip(sets, labels, scales, strict=True):
         values = np.asarray(reading.values)
+        step = resolution_of(values)
+        alike = min(
+            1.0, step / (2.0 * math.sqrt(math.pi) * max(float(s), step / math.sqrt(12.0), 1e-30))
+        )
         n = values.shape[0]
         places = [np.broadcast_to(reading.q[a], (n,)) for a in sorted(reading.q)]
         rows = np.column_stack([*places, values])
@@ -498,7 +542,7 @@ def repeated_rows(sets: Sequence[ReadingSet], labels: Sequence[str]) -> list[str
             run = run + 1 if follows else int(again)
             if run > best:
                 best, last = run, i
-        if best >= _PASTED:
+        if best >= _PASTED and alike**best < _CHANCE:
             owner, end = mine[last]  # type: ignore[misc]
             said.append(
                 f"{label}: readings {last - best + 2} to {last + 1} are readings {end - best + 2} to "

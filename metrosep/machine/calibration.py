@@ -386,7 +386,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     ]
     messages += waves_left(problem, system, fit)
     messages += factors_of_sets(problem, system, fit)
-    messages += repeated_rows(sets, problem.labels)
+    messages += repeated_rows(sets, problem.labels, fit.scales)
     messages += _louder(sets, problem.labels, noise)
     share = fit.beta.size * n_stated / max(system.y.size, 1)
     if n_stated:

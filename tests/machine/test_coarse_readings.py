@@ -1,0 +1,62 @@
+"""`calibrate` on readings of a display with few digits: its steps are neither a form nor a proof."""
+
+import numpy as np
+import pytest
+
+from metrosep.machine import Displacement, ReadingSet, calibrate, presets
+
+REACH = 0.4
+DIGIT = 1e-6
+
+
+def read(truth, places, runs, noise, digit, seed):
+    """A laser along X whose display shows whole digits."""
+    rng = np.random.default_rng([seed, 11])
+    x = np.tile(np.linspace(0.0, REACH, places), runs)
+    y = truth(x) + rng.normal(0.0, noise, x.size)
+    y = np.round(y / digit) * digit if digit else y
+    laser = Displacement(direction=(1, 0, 0))
+    return ReadingSet(laser, {"X": x, "Y": 0.0, "Z": 0.0}, y, unknown=("offset",), name="laser")
+
+
+@pytest.mark.parametrize(("places", "runs", "noise"), [(11, 3, 50e-9), (21, 5, 150e-9)])
+def test_the_steps_of_a_display_are_not_followed(places, runs, noise):
+    """2 um over 400 mm shown in whole micrometres: truth within 2 u, no reading refused or accused."""
+    inside = []
+    x = np.linspace(0.0, REACH, places)
+    for seed in range(6):
+        one = read(lambda x: 2e-6 * x / REACH, places, runs, noise, DIGIT, seed)
+        found = calibrate(presets("mill_xyz"), [one], terms=["EXX"])
+        term = found.errors["EXX"]
+        off = np.abs(term.evaluate(x) - 2e-6 * x / REACH)[1:]
+        inside.append(np.mean(off <= 2.0 * term.sd(x)[1:]))
+        said = " ".join(found.messages)
+        assert not any(w in said for w in ("pasted", "refused", "repeats every", "not determined"))
+    assert np.mean(inside) > 0.9  # 0.95 with normal noise
+
+
+def test_readings_pasted_twice_are_still_reported():
+    one = read(lambda x: 2e-6 * x / REACH, 11, 1, 50e-9, 1e-10, 0)
+    twice = ReadingSet(
+        one.instrument, {a: np.tile(v, 2) if np.ndim(v) else v for a, v in one.q.items()},
+        np.tile(np.ravel(one.values), 2), unknown=("offset",), name="laser",
+    )  # fmt: skip
+    found = calibrate(presets("mill_xyz"), [twice], terms=["EXX"])
+    assert "pasted twice" in " ".join(found.messages)
+
+
+def test_sets_that_do_not_determine_a_term_foretell_nothing_of_it():
+    """A yaw of 19 urad shows at Y = 200 mm only: 20 times the reading at Y = 0 is no wrong unit."""
+    rng = np.random.default_rng(3)
+    x = np.tile(np.r_[np.linspace(0.0, REACH, 11), np.linspace(REACH, 0.0, 11)], 3)
+    sets = [
+        ReadingSet(
+            Displacement(direction=(1, 0, 0)), {"X": x, "Y": y, "Z": 0.0},
+            slope * x + rng.normal(0.0, 1e-7, x.size), unknown=("offset",), name=f"at {y}",
+        )
+        for y, slope in ((0.0, 0.5e-6), (0.2, 10e-6))
+    ]  # fmt: skip
+    found = calibrate(presets("mill_xyz"), sets, terms=["EXX", "ECX"])
+    assert "foretell" not in " ".join(found.messages)
+    yaw = -(10e-6 - 0.5e-6) / 0.2 * REACH  # at the end of the travel: dx = -Y ECX
+    assert found.errors["ECX"].evaluate(REACH).item() == pytest.approx(yaw, abs=1.5e-6)
