@@ -293,16 +293,10 @@ def _fitted(obj: Surface, section: Mapping[str, Any]) -> MapSection:
         f"section {name}: {found.n_used} pixels, RMS {format_length(found.rms)} about the fit; u from what "
         "the fit leaves, its correlation counted; scale and reference of the instrument are not in it"
     )
-    messages = [text]
-    if found.n_missing:
-        share = 100.0 * found.n_missing / (found.n_used + found.n_missing)
-        messages.append(
-            f"section {name}: {share:.3g} % of its pixels were not measured and left out"
-        )
     wrong = [f"section {name}: {m}" for m in found.messages]
-    return MapSection(
-        name, kind, values, (*messages, *wrong), keys=section, missing="; ".join(wrong)
-    )
+    if found.n_missing:
+        wrong.insert(0, _lost(name, found.n_missing / (found.n_used + found.n_missing)))
+    return MapSection(name, kind, values, (text, *wrong), keys=section, missing="; ".join(wrong))
 
 
 def _extremes_in(obj: Surface, section: Mapping[str, Any]) -> tuple[dict[str, float], str]:
@@ -350,10 +344,12 @@ def _extremes_in(obj: Surface, section: Mapping[str, Any]) -> tuple[dict[str, fl
 def _missing(name: str, profile: Profile | None) -> str:
     """Return why the heights along a section are not known well enough for a verdict."""
     gaps = 0.0 if profile is None else float(np.isnan(profile.z).mean())
-    if not gaps:
-        return ""
+    return _lost(name, gaps) if gaps else ""
+
+
+def _lost(name: str, share: float) -> str:
     return (
-        f"{100.0 * gaps:.3g} % of section {name} was not measured or lies outside the map, so that its "
+        f"{100.0 * share:.3g} % of section {name} was not measured or lies outside the map, so that its "
         "heights there are not known; draw it where the map was measured"
     )
 

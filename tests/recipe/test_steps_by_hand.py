@@ -240,3 +240,52 @@ def test_bowed_faces_prevent_a_verdict_until_the_bow_is_fitted(tmp_path, degree,
     assert any("section g: the faces are bowed" in m for m in result.document["messages"]) == (
         not degree
     )
+
+
+@pytest.mark.parametrize(
+    ("a", "b"),
+    [
+        ((9.5, 29.5), (69.5, 29.5)),
+        ((30.5, 20.0), (90.5, 20.0)),  # beyond the rim in x
+        ((9.5, 54.0), (69.5, 54.0)),  # in y
+        ((-12.0, 3.0), (47.0, 44.0)),  # at a corner, turned
+        ((70.0, 70.0), (20.0, -8.0)),
+    ],
+)
+@pytest.mark.parametrize("kind", ["step", "A1"])
+def test_pixels_beyond_the_map_are_counted_as_on_a_larger_map_of_gaps(a, b, kind):
+    small = two_faces()
+    large = np.full((460, 480), np.nan)
+    large[200:260, 200:280] = small
+    a, b = ((x * UM, y * UM) for x, y in (a, b))
+    counts = []
+    for z, origin in ((small, 0.0), (large, -200 * UM)):
+        surface = ms.Surface(z, UM, UM, origin=(origin, origin))
+        if kind == "A1":  # its bottom is a third of the line, its faces lie beyond
+            a3 = tuple((2 * p + q) / 3 for p, q in zip(a, b, strict=True))
+            b3 = tuple((p + 2 * q) / 3 for p, q in zip(a, b, strict=True))
+            found = step_between(surface, a3, b3, width="21 um", kind="A1")
+        else:
+            found = step_between(surface, a, b, width="21 um")
+        counts.append((found.n_used, found.n_missing))
+    assert counts[0] == counts[1]
+    assert (counts[0][1] > 0) == (a[0] != 9.5 * UM or a[1] != 29.5 * UM)
+
+
+@pytest.mark.parametrize("where", ["whole", "pixel", "edge", "outside"])
+def test_any_pixel_of_a_step_that_is_missing_prevents_a_verdict(tmp_path, where):
+    z, text = two_faces(), STEP
+    if where == "pixel":
+        z[30, 20] = np.nan
+    elif where == "edge":
+        z[:, 35:45] = np.nan  # the middle third, which is not used
+    elif where == "outside":
+        text = STEP.replace('width = "60 um"', 'width = "64 um"')
+    found, _ = judged(tmp_path, z, text)
+    entry = found["section.edge.h"]
+    wanted = "accept" if where in ("whole", "edge") else "inconclusive"
+    assert entry["verdict"] == wanted
+    assert entry["value"] == pytest.approx(25.4 * NM, abs=1e-11)
+    assert ("% of section edge was not measured" in entry.get("reason", "")) == (
+        wanted == "inconclusive"
+    )
