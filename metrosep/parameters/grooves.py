@@ -39,6 +39,8 @@ _BOWED = 0.01
 """Of a height: a bow of the faces that shifts it by more is reported."""
 _ROUNDING = 1e-9
 """Of a width: a sample on the end of a range belongs to it."""
+_MOST_ROWS = 1_000_000
+"""Of a band beyond the map whose pixels are counted one by one; of a larger one its area is taken."""
 _INNER = 1.0 / 6.0 + _ROUNDING
 _LENGTHS = {"A1": 3.0, "A2": 3.0, "step": 1.0}
 """Of the band over the distance of its two points: a groove needs its own width on both sides."""
@@ -72,7 +74,7 @@ class StepHeight:
         By how much a bow of the faces moves the height of a straight fit; 0 where ``degree=2`` fitted it, or
         where the samples cannot tell it.
     n_missing : int, optional
-        Samples of the ranges that were not measured.
+        Samples of the ranges that were not measured; of `step_between` also those that lie beyond the map.
     """
 
     height: float
@@ -323,7 +325,51 @@ def step_between(
         return np.stack([np.ones_like(t), t, *middle, *more])
 
     found, slopes = _fitted(points, within, columns, kind, degree)
-    return replace(found, slope=slopes[1] / L)
+    ranges = [(-0.5, -1.0 / 6.0), (1.0 / 6.0, 0.5)]
+    if kind != "step":
+        ranges = [(-1.5, -5.0 / 6.0), (-1.0 / 6.0, 1.0 / 6.0), (5.0 / 6.0, 1.5)]
+    beyond = sum(
+        _beyond(surface, middle, (c, s), (first * L, last * L), 0.5 * across)
+        for first, last in ranges
+    )
+    return replace(found, slope=float(slopes[1]) / L, n_missing=found.n_missing + beyond)
+
+
+def _beyond(
+    surface: Surface,
+    middle: tuple[float, float],
+    turn: tuple[float, float],
+    ends: tuple[float, float],
+    half: float,
+) -> int:
+    """Return how many pixels of a turned rectangle the map would have beyond its rim, were it larger."""
+    (c, s), (ny, nx) = turn, surface.shape
+    dx, dy = surface.dx or 1.0, surface.dy or 1.0
+    slack = _ROUNDING * max(*np.abs(ends), half)
+    bands = ((c, s, ends[0] - slack, ends[1] + slack), (-s, c, -half - slack, half + slack))
+    y = [s * t + sign * abs(c) * half for t in ends for sign in (-1, 1)]
+    low, high = (
+        round_((v + middle[1] - surface.origin[1]) / dy)
+        for round_, v in ((np.floor, min(y)), (np.ceil, max(y)))
+    )
+    if high - low > _MOST_ROWS:  # far larger than any map
+        return max(1, round((ends[1] - ends[0]) * 2.0 * half / (dx * dy)))
+    row = np.arange(low, high + 1.0)
+    v = surface.origin[1] + row * dy - middle[1]
+    left, right = np.full(v.shape, -np.inf), np.full(v.shape, np.inf)
+    for along, across, least, most in bands:  # least <= along x + across y <= most
+        if abs(along) < _ROUNDING:
+            left[(across * v < least) | (across * v > most)] = np.inf
+            continue
+        sides = np.sort([(least - across * v) / along, (most - across * v) / along], axis=0)
+        left, right = np.maximum(left, sides[0]), np.minimum(right, sides[1])
+    offset = middle[0] - surface.origin[0]
+    first, last = np.ceil((left + offset) / dx), np.floor((right + offset) / dx)
+    there = last >= first
+    first, last, row = first[there], last[there], row[there]
+    inside = np.minimum(last, nx - 1) - np.maximum(first, 0) + 1.0
+    inside[(row < 0) | (row >= ny)] = 0.0
+    return int((last - first + 1.0 - np.maximum(inside, 0.0)).sum())
 
 
 def _cut(
@@ -390,7 +436,7 @@ def _groove(
         return np.stack([np.ones_like(s), s, *middle, *([s * s] if bowed else [])])
 
     found, slopes = _fitted(points, inner | outer, columns, kind, degree)
-    return replace(found, slope=slopes[1] / W)
+    return replace(found, slope=float(slopes[1]) / W)
 
 
 def _between_regions(surface: Surface, upper: Any, lower: Any, degree: int) -> StepHeight:

@@ -42,6 +42,9 @@ MOST_SECTIONS = 64
 """Of a recipe; each is read anew from the whole map."""
 
 _POINT = 'x and y, "1.2 mm, 0.3 mm"'
+_DEGREE = Option(
+    "integer", choices=(1, 2), default=1, help="of the faces: 2 where they are bowed from a to b"
+)
 _OWN: Mapping[str, Mapping[str, Option]] = {
     "line": {
         "a": Option("point", required=True, help=f"where it begins: {_POINT}"),
@@ -75,6 +78,7 @@ _OWN: Mapping[str, Mapping[str, Option]] = {
         "a": Option("point", required=True, help=f"on the first face: {_POINT}"),
         "b": Option("point", required=True, help="on the second face; the edge between them"),
         "width": Option("size", required=True, help="of the band, along the edge"),
+        "degree": _DEGREE,
     },
     "groove": {
         "a": Option("point", required=True, help=f"at one edge of the groove or ridge: {_POINT}"),
@@ -83,6 +87,7 @@ _OWN: Mapping[str, Mapping[str, Option]] = {
         "bottom": Option(
             "text", choices=("flat", "round"), default="flat", help="types A1 and A2 of ISO 5436-1"
         ),
+        "degree": _DEGREE,
     },
     "extremes": {
         "centre": Option("point", required=True, help=f"of the circle that is searched: {_POINT}"),
@@ -271,6 +276,7 @@ def _fitted(obj: Surface, section: Mapping[str, Any]) -> MapSection:
             section["b"],
             width=section["width"],
             kind="step" if kind == "step" else fit,
+            degree=section.get("degree", 1),
         )
     except TooFewSamplesError as exc:
         missing = f"section {name}: {exc}"
@@ -287,13 +293,10 @@ def _fitted(obj: Surface, section: Mapping[str, Any]) -> MapSection:
         f"section {name}: {found.n_used} pixels, RMS {format_length(found.rms)} about the fit; u from what "
         "the fit leaves, its correlation counted; scale and reference of the instrument are not in it"
     )
-    messages = [text]
+    wrong = [f"section {name}: {m}" for m in found.messages]
     if found.n_missing:
-        share = 100.0 * found.n_missing / (found.n_used + found.n_missing)
-        messages.append(
-            f"section {name}: {share:.3g} % of its pixels were not measured and left out"
-        )
-    return MapSection(name, kind, values, tuple(messages), keys=section)
+        wrong.insert(0, _lost(name, found.n_missing / (found.n_used + found.n_missing)))
+    return MapSection(name, kind, values, (text, *wrong), keys=section, missing="; ".join(wrong))
 
 
 def _extremes_in(obj: Surface, section: Mapping[str, Any]) -> tuple[dict[str, float], str]:
@@ -341,10 +344,12 @@ def _extremes_in(obj: Surface, section: Mapping[str, Any]) -> tuple[dict[str, fl
 def _missing(name: str, profile: Profile | None) -> str:
     """Return why the heights along a section are not known well enough for a verdict."""
     gaps = 0.0 if profile is None else float(np.isnan(profile.z).mean())
-    if not gaps:
-        return ""
+    return _lost(name, gaps) if gaps else ""
+
+
+def _lost(name: str, share: float) -> str:
     return (
-        f"{100.0 * gaps:.3g} % of section {name} was not measured or lies outside the map, so that its "
+        f"{100.0 * share:.3g} % of section {name} was not measured or lies outside the map, so that its "
         "heights there are not known; draw it where the map was measured"
     )
 
