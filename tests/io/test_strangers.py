@@ -233,6 +233,30 @@ def test_a_clock_that_counts_from_an_epoch_is_read_with_a_warning(put, name):
     assert f"column {name!r} has no unit" in " ".join(found.metadata["warnings"])
 
 
+# a clock of a logger in ms, in us, in ns; whole days; seconds that may be us of a logger
+ANY_UNIT = {
+    "ms of a logger": ("time", lambda k: 40000 + k),
+    "ms with fractions": ("t", lambda k: 40000.25 + k),
+    "us of a logger": ("time", lambda k: 1_500_000_000 + 1000 * k),
+    "us of a logger called a stamp": ("timestamp", lambda k: 1_500_000_000 + 1000 * k),
+    "us that look like LabVIEW": ("time", lambda k: 3_500_000_000 + 1000 * k),
+    "ns from the start": ("timestamp", lambda k: 1_700_000_000_000 + 10_000 * k),
+    "ns of a week": ("time", lambda k: 1_500_000_000_000_000 + 10_000 * k),
+    "whole days": ("Datum", lambda k: 45418 + k),
+}
+
+
+@pytest.mark.parametrize("case", ANY_UNIT)
+def test_a_clock_that_may_count_anything_is_refused_until_its_unit_is_given(put, case):
+    name, count = ANY_UNIT[case]
+    path = put(table(f"{name},z_um", lambda k, x, z: f"{count(k)},{z}"))
+
+    with pytest.raises(ms.errors.UnitError, match=rf"time=\('{name}', 's'\)"):
+        ms.read(path)
+    t = ms.read(path, time=(name, "ms")).t
+    assert t[1] - t[0] == pytest.approx((count(1) - count(0)) * 1e-3, rel=1e-3, abs=0.0)
+
+
 def test_utf_32_is_text(put):
     text = table("x_mm,z_um", lambda k, x, z: f"{x},{z}")
 

@@ -774,6 +774,7 @@ def to_si(
             f"{file.path}: column {column.name!r} ({role}) declares no unit; rename it like "
             f"'{column.name}_{_usual(dimension)}', or give {role}=({column.name!r}, "
             f"{_usual(dimension)!r}) or unit="
+            + (", with ms, us or ns for s if it counts these" if dimension == "time" else "")
         )
     if scale is not None:
         if unit.dimension != "voltage":
