@@ -263,22 +263,58 @@ def test_utf_32_is_text(put):
     assert ms.read(put(text.encode("utf-32"))).z.tolist() == [z * 1e-6 for z in Z]
 
 
-@pytest.mark.parametrize(
-    ("column", "said"),
-    [
-        (lambda k: "bad" if k == 9 else "ok", "says 'bad' in 1 row(s) (first: line 11)"),
-        (lambda k: "False" if k == 9 else "True", "says 'False' in 1 row(s) (first: line 11)"),
-        (lambda k: "NG" if k in (2, 9) else "", "skip_lines='4,11'"),
-        (lambda k: "ok", ""),
-    ],
-)
-def test_a_word_beside_a_row_that_calls_it_bad_is_reported(put, column, said):
-    path = put(table("x_mm;z_um;flag", lambda k, x, z: f"{x};{z};{column(k)}"))
+# name of a column, what stands in rows 10 and 11 (lines 11 and 12) and in the others, whether they are bad
+STATUS = [
+    ("flag", "bad", "ok", True),
+    ("flag", "n.g.", "", True),
+    ("status", "not ok", "ok", True),
+    ("status", "kein Signal", "", True),
+    ("status", "saturated", "ok", True),
+    ("status", "sensor fault 5", "no error", True),
+    ("Bemerkung", "NG", "", True),
+    ("判定", "不良", "良", True),
+    ("valid", "False", "True", True),
+    ("valid", "no", "yes", True),
+    ("valid", "n", "y", True),
+    ("isValid", "FALSCH", "WAHR", True),
+    ("Gültig", "nein", "ja", True),
+    ("in tolerance ok", "0", "1", True),
+    ("invalid", "yes", "no", True),
+    ("Fehler", "ja", "nein", True),
+    ("outlier", "True", "False", True),
+    ("not_ok", "1", "0", True),
+    ("outlier", "False", "True", False),  # the others are
+    ("coolant", "False", "True", False),
+    ("flag", "no", "yes", False),
+    ("status", "no error", "ok", False),
+    ("coolant", "0", "1", False),
+    ("note", "we wiped the part with alcohol before this error was seen", "", False),
+]
 
-    warnings = " ".join(ms.read(path).metadata["warnings"])
 
-    assert said in warnings
-    assert bool(said) == bool(warnings)
+@pytest.mark.parametrize(("name", "one", "other", "bad"), STATUS)
+def test_a_word_beside_a_row_that_calls_it_bad_is_reported(put, name, one, other, bad):
+    text = table(
+        f"x_mm;z_um;{name}", lambda k, x, z: f"{x};{z};{one if k in (2, 9, 10) else other}"
+    )
+
+    warnings = " ".join(ms.read(put(text), x="x_mm", z="z_um").metadata["warnings"])
+
+    assert ("skip_lines='4,11-12'" in warnings) == bad
+    assert not bad or f"says {one!r} in 3 row(s) (first: line 4)" in warnings
+    assert bool(warnings) == (bad or name == "outlier")
+
+
+def test_lines_of_rows_called_bad_are_all_listed_as_ranges(put):
+    path = put(table("x_mm;z_um;outlier", lambda k, x, z: f"{x};{z};{k not in (9, 20)}"))
+
+    (said,) = ms.read(path).metadata["warnings"]
+
+    assert "says 'True' in 28 row(s)" in said
+    assert (
+        f"if that means that these were not measured well, leave them out with skip_lines='2-10,12-21,23-{N + 1}'"
+        in said
+    )
 
 
 def test_a_null_of_a_well_log_is_reported_where_it_stands_once(put):

@@ -12,7 +12,6 @@ import contextlib
 import csv
 import io
 import re
-import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -33,9 +32,9 @@ from metrosep.io.text.dialect import (
     Layout,
     bare_unit,
     is_comment,
-    is_other_unit,
     n_used,
 )
+from metrosep.io.text.quality import changes_row
 
 __all__ = [
     "DECIMAL_SHOWN",
@@ -84,37 +83,7 @@ _IN_DOUBT = {
 
 _THREE_DIGITS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}\.\d{3}(?![\d.,])")
 
-_SPOILED = """
-ng nok nio not no bad wrong error errors err fail failed failure fault faulty outlier outliers reject
-rejected invalid void ignore ignored discard discarded delete deleted exclude excluded skip skipped drop
-dropped spike glitch artefact artifact suspect damaged broken scrap repeat repeated redo scaled
-times double doubled half fehler fehlerhaft falsch ungültig ungueltig ausreisser ausschuss schlecht defekt
-verworfen gestört nicht kein keine mal faux fausse erreur mauvais mauvaise invalide aberrant aberrante rejet
-rejeté rebut pas errore errato sbagliato scarto scartato non malo mala erróneo erroneo inválido rechazado
-atípico fallo descartado fout ongeldig fel ogiltig błąd chyba
-"""
-_SPOILS = frozenset((*_SPOILED.split(), "doubtful"))
-"""Words that call a row bad, or its numbers others than they are."""
-_SPOILS_WITHIN = re.compile(
-    "無効|不良|異常|外れ|除外|エラー|无效|"
-    "無效|异常|错|坏|粗大|剔除|不合格|오류|무효|"
-    "불량|ошиб|неверн|брак|"
-    "выброс"
-)
-"""The same where words are not set apart, or have many endings."""
 _APART = re.compile(r"[^\w/\u00b0%'\u2019]+|_")
-
-
-def changes_row(remark: str) -> bool:
-    """Whether a remark may change what its row says: by a digit, a unit, or a word that calls it bad."""
-    text = unicodedata.normalize("NFKC", remark).strip("#% ")
-    words = [w for t in (text, text.replace(".", "")) for w in _APART.split(t) if w]  # n.g. too
-    if any(map(str.isdigit, text)) or bare_unit(text) or is_other_unit(text):
-        return True
-    if _SPOILS_WITHIN.search(text.casefold()) or any(w.casefold() in _SPOILS for w in words):
-        return True
-    # "in" is an inch where it stands alone only
-    return any(w != "in" and (bare_unit(w) or (len(w) > 1 and is_other_unit(w))) for w in words)
 
 
 def _names_unit(comment: str) -> bool:

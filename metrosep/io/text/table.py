@@ -53,6 +53,7 @@ from metrosep.io.text.dialect import (
 from metrosep.io.text.encoding import decode, encoding_of, plain_ends
 from metrosep.io.text.markers import marker_of
 from metrosep.io.text.preamble import BEGUN, Preamble
+from metrosep.io.text.quality import bad_rows
 from metrosep.io.text.times import Moments, is_moment, may_be_minutes, moments
 
 __all__ = [
@@ -435,78 +436,30 @@ def refuse_markers(
     return found
 
 
-_BAD = frozenset(
-    [
-        "bad",
-        "ng",
-        "n.g.",
-        "nok",
-        "nio",
-        "n.i.o.",
-        "fail",
-        "failed",
-        "failure",
-        "fault",
-        "faulty",
-        "invalid",
-        "error",
-        "err",
-        "reject",
-        "rejected",
-        "outlier",
-        "void",
-        "false",
-        "overflow",
-        "overrange",
-        "uncertain",
-        "fehler",
-        "fehlerhaft",
-        "ungültig",
-        "schlecht",
-        "defekt",
-        "ausreisser",
-        "ausschuss",
-        "mauvais",
-        "invalide",
-        "erreur",
-        "rebut",
-        "errore",
-        "scarto",
-        "malo",
-        "erróneo",
-        "inválido",
-        "fallo",
-        "无效",
-        "异常",
-        "不合格",
-        "不良",
-        "無効",
-        "異常",
-        "エラー",
-    ]
-)
-"""What a column of words says of a row that was not measured well."""
-
-
 def _marked_bad(columns: Sequence[Column], lines: NDArray[np.int64]) -> list[str]:
-    """Return a warning for each column of words that calls some rows bad; they are read like the others."""
+    """Return a warning for each column that calls some rows bad; they are read like the others."""
     found = []
     for column in columns:
-        bad = {t for t in set(column.labels or ()) if t.casefold() in _BAD}
-        at = [i for i, t in enumerate(column.labels or ()) if t in bad]
-        if 0 < len(at) < len(lines):
-            every = ",".join(str(lines[i]) for i in at[:_LISTED]) + (
-                ",..." if len(at) > _LISTED else ""
-            )
-            found.append(
-                f"column {column.name!r} says {min(bad)!r} in {len(at)} row(s) (first: line "
-                f"{int(lines[at[0]])}), which were read like the others; leave them out with skip_lines='{every}'"
-            )
+        if column.unit is not None:
+            continue
+        at, text = bad_rows(column.name, column.labels, column.values)
+        if not at.size:
+            continue
+        said = (
+            f"column {column.name!r} says {text!r} in {at.size} row(s) (first: line {int(lines[at[0]])}), which "
+            "were read like the others; "
+        )
+        if at.size == len(lines):
+            found.append(f"{said}that is every row: ask what it means before you use the numbers")
+            continue
+        parts = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
+        ends = ((int(lines[p[0]]), int(lines[p[-1]])) for p in parts)
+        every = ",".join(f"{a}" if a == b else f"{a}-{b}" for a, b in ends)
+        most = (
+            "if that means that these were not measured well, " if 2 * at.size > len(lines) else ""
+        )
+        found.append(f"{said}{most}leave them out with skip_lines='{every}'")
     return found
-
-
-_LISTED = 20
-"""Lines that a hint lists."""
 
 
 def without_empty_rows(table: Table) -> Table:
