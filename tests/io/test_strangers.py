@@ -145,7 +145,7 @@ REFUSED = {
     ),
     "points between groups of a spreadsheet": (
         table("Weg [µm];z [nm]", lambda k, x, z: f"1.{10 * k:03d};{k % 7}"),
-        r"line 2: column 'Weg \[µm\]' holds a number such as 1\.000.*thousands='\.'",
+        r"line 2: column 'Weg \[µm\]' holds '1\.000', which is 1\.000 or 1000.*thousands='\.'",
     ),
     "two units of one column": (
         table("x [mm];z (µm) [nm]", lambda k, x, z: f"{x};{z}"),
@@ -214,6 +214,36 @@ def test_groups_with_a_unit_are_read_as_declared(put):
 
     assert ms.read(path, decimal=",").x[0] == pytest.approx(1.1e-3, rel=0.0, abs=TIGHT)
     assert ms.read(path, thousands=",", decimal=".").x[0] == pytest.approx(1.1, rel=0.0, abs=TIGHT)
+
+
+# x and z of a row between semicolons, and what the message quotes; None where another cell shows the mark
+GROUPS = {
+    "points, both with a unit": (
+        lambda k: f"{k + 1}.000 mm;{k} um",
+        r"'1\.000 mm', which is 1\.000 or 1000",
+    ),
+    "points, without a blank": (lambda k: f"{k + 1}.000mm;{k}um", r"'1\.000mm'"),
+    "points, beside plain whole numbers": (lambda k: f"{k + 1}.500 mm;{k}", r"'1\.500 mm'"),
+    "commas": (lambda k: f"{k + 1},250 mm;{k} um", r"'1,250 mm'"),
+    "plain points": (lambda k: f"{k + 1}.125;{k}", r"'1\.125', which is 1\.125 or 1125"),
+    "shown by a quantity": (lambda k: f"{k + 1}.000 mm;{k}.25 um", None),
+    "shown by its own column": (lambda k: f"{k}.000 mm;{k} um", None),
+    "shown by a plain number": (lambda k: f"{k + 1}.000 mm;{k}.5", None),
+    "shown by the last row": (lambda k: f"{k + 1}.000 mm;{'0.5' if k == N - 1 else k} um", None),
+}
+
+
+@pytest.mark.parametrize("case", GROUPS)
+def test_one_or_a_thousand_is_refused_with_a_unit_as_without(put, case):
+    row, quoted = GROUPS[case]
+    path = put(table("x_mm;z_um", lambda k, x, z: row(k)))
+
+    if quoted is None:
+        step = ms.read(path).x
+        assert step[1] - step[0] == pytest.approx(1e-3, rel=0.0, abs=TIGHT)
+    else:
+        with pytest.raises(ms.errors.AmbiguousFormatError, match=f"line 2: .*{quoted}"):
+            ms.read(path)
 
 
 # what stands in the column of time, and the seconds from the first row

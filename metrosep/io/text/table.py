@@ -35,6 +35,7 @@ from metrosep.io.text._rows import (
     bad_field,
     joined,
     lines_of_field,
+    one_or_thousand,
     refuse_quotes,
     row_in_comment,
 )
@@ -190,6 +191,8 @@ def _with_quantities(
     markers = {m for m in head.options.missing or () if isinstance(m, float)}
     plain = head.layout.dialect.plain
     made, said = list(columns), []
+    if head.layout.unproven:
+        _refuse_groups(file, columns, lines, head)
     for k, column in enumerate(columns):
         texts = ["" if t.lower() in words else t for t in column.labels or ()]
         if markers:  # also without the unit of the others
@@ -198,8 +201,6 @@ def _with_quantities(
             continue
         found = [quantity(t, head.layout.dialect) for t in texts]
         unit = next((f[1] for f in found if f is not None), None)
-        if head.layout.unproven:
-            _refuse_groups(file, column.name, texts, lines, head)
         if unit is None or 2 * sum(f is not None for f in found) <= sum(map(bool, texts)):
             continue
         values = np.full(len(texts), np.nan)
@@ -224,25 +225,33 @@ _DIGITS = frozenset("0123456789+-.,\u2212")
 
 
 def _refuse_groups(
-    file: RawFile, name: str, texts: Sequence[str], lines: NDArray[np.int64], head: TableHead
+    file: RawFile, columns: Sequence[Column], lines: NDArray[np.int64], head: TableHead
 ) -> None:
-    """Refuse numbers with a unit such as 1,234 mm where none shows what the mark is."""
-    numbers = [t.rstrip("%\u00b0\u2032\u2033'\"" + _LETTERS) for t in texts]
-    decimal = head.layout.dialect.decimal
+    """Refuse numbers with a unit such as 1,234 mm where no number of the file shows what the mark is.
+
+    A plain number of another column that is not whole does: `Body` has refused those in doubt.
+    """
+    dialect = head.layout.dialect
+    texts = {
+        c.name: [t.rstrip("%\u00b0\u2032\u2033'\"" + _LETTERS) for t in c.labels]
+        for c in columns
+        if c.labels is not None and any(quantity(t, dialect) for t in c.labels)
+    }
+    values = [c.values for c in columns if c.values is not None]
+    if any(np.any(v[np.isfinite(v)] % 1.0) for v in values):
+        return
     for mark in ",.":
-        other = "." if mark == "," else ","
-        grouped = [
-            i
-            for i, t in enumerate(numbers)
-            if re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}\{mark}\d{{3}}\s*", t)
-        ]
-        shown = mark == decimal and any(DECIMAL_SHOWN[mark].search(t) for t in numbers)
-        if grouped and not shown and not (mark == "." and decimal == "."):
-            raise AmbiguousFormatError(
-                f"{file.path}: line {int(lines[grouped[0]])}: column {name!r} holds {texts[grouped[0]]!r}, which is "
-                f"one or one thousand, and no number of the file shows which; give decimal='{mark}', or "
-                f"thousands='{mark}' with decimal='{other}'"
-            )
+        own = (t for numbers in texts.values() for t in numbers)
+        if mark == dialect.decimal and any(map(DECIMAL_SHOWN[mark].search, own)):
+            continue
+        if mark == dialect.decimal == "." and dialect.separator not in ";\t":
+            continue  # where a decimal comma would separate columns
+        grouped = re.compile(rf"[+\-\u2212]?[1-9]\d{{0,2}}\{mark}\d{{3}}\s*")
+        for name, numbers in texts.items():
+            at = next((i for i, t in enumerate(numbers) if grouped.fullmatch(t)), None)
+            if at is not None:
+                field = next(c.labels for c in columns if c.name == name and c.labels)[at]
+                raise one_or_thousand(file, int(lines[at]), field, name, mark)
 
 
 _LETTERS = " abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ\u00b5\u03bc\u00c5"
