@@ -145,7 +145,7 @@ REFUSED = {
     ),
     "points between groups of a spreadsheet": (
         table("Weg [µm];z [nm]", lambda k, x, z: f"1.{10 * k:03d};{k % 7}"),
-        r"line 2: column 'Weg \[µm\]' holds a number such as 1\.000.*thousands='\.'",
+        r"line 2: column 'Weg \[µm\]' holds '1\.000', which is 1\.000 or 1000.*thousands='\.'",
     ),
     "two units of one column": (
         table("x [mm];z (µm) [nm]", lambda k, x, z: f"{x};{z}"),
@@ -216,6 +216,36 @@ def test_groups_with_a_unit_are_read_as_declared(put):
     assert ms.read(path, thousands=",", decimal=".").x[0] == pytest.approx(1.1, rel=0.0, abs=TIGHT)
 
 
+# x and z of a row between semicolons, and what the message quotes; None where another cell shows the mark
+GROUPS = {
+    "points, both with a unit": (
+        lambda k: f"{k + 1}.000 mm;{k} um",
+        r"'1\.000 mm', which is 1\.000 or 1000",
+    ),
+    "points, without a blank": (lambda k: f"{k + 1}.000mm;{k}um", r"'1\.000mm'"),
+    "points, beside plain whole numbers": (lambda k: f"{k + 1}.500 mm;{k}", r"'1\.500 mm'"),
+    "commas": (lambda k: f"{k + 1},250 mm;{k} um", r"'1,250 mm'"),
+    "plain points": (lambda k: f"{k + 1}.125;{k}", r"'1\.125', which is 1\.125 or 1125"),
+    "shown by a quantity": (lambda k: f"{k + 1}.000 mm;{k}.25 um", None),
+    "shown by its own column": (lambda k: f"{k}.000 mm;{k} um", None),
+    "shown by a plain number": (lambda k: f"{k + 1}.000 mm;{k}.5", None),
+    "shown by the last row": (lambda k: f"{k + 1}.000 mm;{'0.5' if k == N - 1 else k} um", None),
+}
+
+
+@pytest.mark.parametrize("case", GROUPS)
+def test_one_or_a_thousand_is_refused_with_a_unit_as_without(put, case):
+    row, quoted = GROUPS[case]
+    path = put(table("x_mm;z_um", lambda k, x, z: row(k)))
+
+    if quoted is None:
+        step = ms.read(path).x
+        assert step[1] - step[0] == pytest.approx(1e-3, rel=0.0, abs=TIGHT)
+    else:
+        with pytest.raises(ms.errors.AmbiguousFormatError, match=f"line 2: .*{quoted}"):
+            ms.read(path)
+
+
 # what stands in the column of time, and the seconds from the first row
 CLOCKS = {
     "FILETIME": [133500000000000000 + 100_000 * k for k in range(N)],
@@ -233,28 +263,88 @@ def test_a_clock_that_counts_from_an_epoch_is_read_with_a_warning(put, name):
     assert f"column {name!r} has no unit" in " ".join(found.metadata["warnings"])
 
 
+# a clock of a logger in ms, in us, in ns; whole days; seconds that may be us of a logger
+ANY_UNIT = {
+    "ms of a logger": ("time", lambda k: 40000 + k),
+    "ms with fractions": ("t", lambda k: 40000.25 + k),
+    "us of a logger": ("time", lambda k: 1_500_000_000 + 1000 * k),
+    "us of a logger called a stamp": ("timestamp", lambda k: 1_500_000_000 + 1000 * k),
+    "us that look like LabVIEW": ("time", lambda k: 3_500_000_000 + 1000 * k),
+    "ns from the start": ("timestamp", lambda k: 1_700_000_000_000 + 10_000 * k),
+    "ns of a week": ("time", lambda k: 1_500_000_000_000_000 + 10_000 * k),
+    "whole days": ("Datum", lambda k: 45418 + k),
+}
+
+
+@pytest.mark.parametrize("case", ANY_UNIT)
+def test_a_clock_that_may_count_anything_is_refused_until_its_unit_is_given(put, case):
+    name, count = ANY_UNIT[case]
+    path = put(table(f"{name},z_um", lambda k, x, z: f"{count(k)},{z}"))
+
+    with pytest.raises(ms.errors.UnitError, match=rf"time=\('{name}', 's'\)"):
+        ms.read(path)
+    t = ms.read(path, time=(name, "ms")).t
+    assert t[1] - t[0] == pytest.approx((count(1) - count(0)) * 1e-3, rel=1e-3, abs=0.0)
+
+
 def test_utf_32_is_text(put):
     text = table("x_mm,z_um", lambda k, x, z: f"{x},{z}")
 
     assert ms.read(put(text.encode("utf-32"))).z.tolist() == [z * 1e-6 for z in Z]
 
 
-@pytest.mark.parametrize(
-    ("column", "said"),
-    [
-        (lambda k: "bad" if k == 9 else "ok", "says 'bad' in 1 row(s) (first: line 11)"),
-        (lambda k: "False" if k == 9 else "True", "says 'False' in 1 row(s) (first: line 11)"),
-        (lambda k: "NG" if k in (2, 9) else "", "skip_lines='4,11'"),
-        (lambda k: "ok", ""),
-    ],
-)
-def test_a_word_beside_a_row_that_calls_it_bad_is_reported(put, column, said):
-    path = put(table("x_mm;z_um;flag", lambda k, x, z: f"{x};{z};{column(k)}"))
+# name of a column, what stands in rows 10 and 11 (lines 11 and 12) and in the others, whether they are bad
+STATUS = [
+    ("flag", "bad", "ok", True),
+    ("flag", "n.g.", "", True),
+    ("status", "not ok", "ok", True),
+    ("status", "kein Signal", "", True),
+    ("status", "saturated", "ok", True),
+    ("status", "sensor fault 5", "no error", True),
+    ("Bemerkung", "NG", "", True),
+    ("判定", "不良", "良", True),
+    ("valid", "False", "True", True),
+    ("valid", "no", "yes", True),
+    ("valid", "n", "y", True),
+    ("isValid", "FALSCH", "WAHR", True),
+    ("Gültig", "nein", "ja", True),
+    ("in tolerance ok", "0", "1", True),
+    ("invalid", "yes", "no", True),
+    ("Fehler", "ja", "nein", True),
+    ("outlier", "True", "False", True),
+    ("not_ok", "1", "0", True),
+    ("outlier", "False", "True", False),  # the others are
+    ("coolant", "False", "True", False),
+    ("flag", "no", "yes", False),
+    ("status", "no error", "ok", False),
+    ("coolant", "0", "1", False),
+    ("note", "we wiped the part with alcohol before this error was seen", "", False),
+]
 
-    warnings = " ".join(ms.read(path).metadata["warnings"])
 
-    assert said in warnings
-    assert bool(said) == bool(warnings)
+@pytest.mark.parametrize(("name", "one", "other", "bad"), STATUS)
+def test_a_word_beside_a_row_that_calls_it_bad_is_reported(put, name, one, other, bad):
+    text = table(
+        f"x_mm;z_um;{name}", lambda k, x, z: f"{x};{z};{one if k in (2, 9, 10) else other}"
+    )
+
+    warnings = " ".join(ms.read(put(text), x="x_mm", z="z_um").metadata["warnings"])
+
+    assert ("skip_lines='4,11-12'" in warnings) == bad
+    assert not bad or f"says {one!r} in 3 row(s) (first: line 4)" in warnings
+    assert bool(warnings) == (bad or name == "outlier")
+
+
+def test_lines_of_rows_called_bad_are_all_listed_as_ranges(put):
+    path = put(table("x_mm;z_um;outlier", lambda k, x, z: f"{x};{z};{k not in (9, 20)}"))
+
+    (said,) = ms.read(path).metadata["warnings"]
+
+    assert "says 'True' in 28 row(s)" in said
+    assert (
+        f"if that means that these were not measured well, leave them out with skip_lines='2-10,12-21,23-{N + 1}'"
+        in said
+    )
 
 
 def test_a_null_of_a_well_log_is_reported_where_it_stands_once(put):

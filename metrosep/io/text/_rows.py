@@ -12,7 +12,6 @@ import contextlib
 import csv
 import io
 import re
-import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -33,9 +32,9 @@ from metrosep.io.text.dialect import (
     Layout,
     bare_unit,
     is_comment,
-    is_other_unit,
     n_used,
 )
+from metrosep.io.text.quality import changes_row
 
 __all__ = [
     "DECIMAL_SHOWN",
@@ -45,6 +44,7 @@ __all__ = [
     "bad_field",
     "joined",
     "lines_of_field",
+    "one_or_thousand",
     "refuse_quotes",
     "row_in_comment",
 ]
@@ -84,37 +84,7 @@ _IN_DOUBT = {
 
 _THREE_DIGITS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}\.\d{3}(?![\d.,])")
 
-_SPOILED = """
-ng nok nio not no bad wrong error errors err fail failed failure fault faulty outlier outliers reject
-rejected invalid void ignore ignored discard discarded delete deleted exclude excluded skip skipped drop
-dropped spike glitch artefact artifact suspect damaged broken scrap repeat repeated redo scaled
-times double doubled half fehler fehlerhaft falsch ungültig ungueltig ausreisser ausschuss schlecht defekt
-verworfen gestört nicht kein keine mal faux fausse erreur mauvais mauvaise invalide aberrant aberrante rejet
-rejeté rebut pas errore errato sbagliato scarto scartato non malo mala erróneo erroneo inválido rechazado
-atípico fallo descartado fout ongeldig fel ogiltig błąd chyba
-"""
-_SPOILS = frozenset((*_SPOILED.split(), "doubtful"))
-"""Words that call a row bad, or its numbers others than they are."""
-_SPOILS_WITHIN = re.compile(
-    "無効|不良|異常|外れ|除外|エラー|无效|"
-    "無效|异常|错|坏|粗大|剔除|不合格|오류|무효|"
-    "불량|ошиб|неверн|брак|"
-    "выброс"
-)
-"""The same where words are not set apart, or have many endings."""
 _APART = re.compile(r"[^\w/\u00b0%'\u2019]+|_")
-
-
-def changes_row(remark: str) -> bool:
-    """Whether a remark may change what its row says: by a digit, a unit, or a word that calls it bad."""
-    text = unicodedata.normalize("NFKC", remark).strip("#% ")
-    words = [w for t in (text, text.replace(".", "")) for w in _APART.split(t) if w]  # n.g. too
-    if any(map(str.isdigit, text)) or bare_unit(text) or is_other_unit(text):
-        return True
-    if _SPOILS_WITHIN.search(text.casefold()) or any(w.casefold() in _SPOILS for w in words):
-        return True
-    # "in" is an inch where it stands alone only
-    return any(w != "in" and (bare_unit(w) or (len(w) > 1 and is_other_unit(w))) for w in words)
 
 
 def _names_unit(comment: str) -> bool:
@@ -245,7 +215,9 @@ class Body:
         self._whole: list[bool] = [
             False
         ] * self._n  # columns with unmarked numbers of 1 to 3 digits
-        self._grouped: list[int] = [0] * self._n  # and the line of such as 1.000
+        self._grouped: list[tuple[int, str] | None] = [
+            None
+        ] * self._n  # and the first such as 1.000
         self._surplus: list[int] = []
         self._like_rows: list[int] = []  # lines with the mark of a comment and the fields of a row
         self._telling: list[tuple[int, str]] = []  # comments within that name a unit or a fault
@@ -264,7 +236,8 @@ class Body:
         if mark and self._options.thousands is None:
             found.append(
                 f"{mark!r} was read as the mark between groups of three digits, since a column holds numbers "
-                f"such as 990 beside others such as 1{mark}000; if it is the decimal mark, give decimal='{mark}'"
+                f"of three digits and fewer beside others with {mark!r} before three digits; if it is the "
+                f"decimal mark, give decimal='{mark}'"
             )
         if self._surplus:
             found.append(
@@ -650,17 +623,13 @@ class Body:
         mark = self._layout.dialect.decimal
         texts = [f.strip().lstrip("+-") for f in fields]
         self._whole[k] |= any(t.isdecimal() and len(t) <= 3 for t in texts)
-        if not self._grouped[k]:
+        if self._grouped[k] is None:
             doubt = _THREE_DIGITS if self._may_be_comma else _IN_DOUBT[mark]
             at = next((i for i, t in enumerate(texts) if doubt.fullmatch(t)), None)
-            self._grouped[k] = 0 if at is None else int(lines[at])
-        if self._grouped[k] and (mark == "," or self._whole[k] or self._may_be_comma):
-            other = self._layout.dialect.other_mark
-            raise AmbiguousFormatError(
-                f"{self._file.path}: line {self._grouped[k]}: column {self._names[k]!r} holds a number such "
-                f"as 1{mark}000, which is one or one thousand, and no number of the file shows which; give "
-                f"decimal='{mark}', or thousands='{mark}' with decimal='{other}'"
-            )
+            self._grouped[k] = None if at is None else (int(lines[at]), fields[at].strip())
+        odd = self._grouped[k]
+        if odd is not None and (mark == "," or self._whole[k] or self._may_be_comma):
+            raise one_or_thousand(self._file, *odd, self._names[k], mark)
 
     def _floats(self, fields: Sequence[str], lines: NDArray[np.int64], name: str) -> FloatArray:
         """Return the numbers of a column; the quick way first, then field by field."""
@@ -825,6 +794,19 @@ def refuse_quotes(file: RawFile, number: int, line: str, mark: str = "") -> None
             found=repr(line[:40]),
             hint=f"correct that line, or leave it out with skip_lines='{number}'",
         )
+
+
+def one_or_thousand(
+    file: RawFile, line: int, field: str, name: str, mark: str
+) -> AmbiguousFormatError:
+    """Return the error about a number of which nothing shows whether its mark is one of thousands."""
+    small, large = (re.sub(r"\D", "", p) for p in field.split(mark, 1))
+    other = "." if mark == "," else ","
+    return AmbiguousFormatError(
+        f"{file.path}: line {line}: column {name!r} holds {field[:40]!r}, which is {small}.{large} or "
+        f"{small}{large}, and no number of the file shows which; give decimal='{mark}', or thousands='{mark}' "
+        f"with decimal='{other}'"
+    )
 
 
 def bad_field(

@@ -548,8 +548,12 @@ def _is_row_of_words(fields: Sequence[str]) -> bool:
 
 
 def _shows_mark(field: str, dialect: Dialect) -> bool:
-    """Whether a number shows what its decimal mark is: 0,5 or 1,25 or 1234,567, but not 1,234."""
+    """Whether a number shows what its decimal mark is: 0,5 or 1,25 mm or 1234,567, but not 1,234."""
     mark, text = dialect.decimal, field.strip()
+    if mark not in text:
+        return False
+    if quantity(text, dialect) is not None and (number := _QUANTITY.fullmatch(text)):
+        text = number[1]
     return (
         mark in text
         and _AMBIGUOUS[mark].fullmatch(text) is None

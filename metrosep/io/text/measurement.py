@@ -131,7 +131,7 @@ def _with_counted_time(table: Table) -> Table:
     for column in table.numbers if table.header.get("named", True) else ():
         is_clock = role_of(column.name) == "time" or column.name.strip().casefold() == "filetime"
         found = (
-            counted_moments(column.values)
+            counted_moments(column.name, column.values)
             if is_clock and column.unit is None and column.values is not None
             else None
         )

@@ -35,6 +35,7 @@ from metrosep.io.text._rows import (
     bad_field,
     joined,
     lines_of_field,
+    one_or_thousand,
     refuse_quotes,
     row_in_comment,
 )
@@ -53,6 +54,7 @@ from metrosep.io.text.dialect import (
 from metrosep.io.text.encoding import decode, encoding_of, plain_ends
 from metrosep.io.text.markers import marker_of
 from metrosep.io.text.preamble import BEGUN, Preamble
+from metrosep.io.text.quality import bad_rows
 from metrosep.io.text.times import Moments, is_moment, may_be_minutes, moments
 
 __all__ = [
@@ -189,6 +191,8 @@ def _with_quantities(
     markers = {m for m in head.options.missing or () if isinstance(m, float)}
     plain = head.layout.dialect.plain
     made, said = list(columns), []
+    if head.layout.unproven:
+        _refuse_groups(file, columns, lines, head)
     for k, column in enumerate(columns):
         texts = ["" if t.lower() in words else t for t in column.labels or ()]
         if markers:  # also without the unit of the others
@@ -197,8 +201,6 @@ def _with_quantities(
             continue
         found = [quantity(t, head.layout.dialect) for t in texts]
         unit = next((f[1] for f in found if f is not None), None)
-        if head.layout.unproven:
-            _refuse_groups(file, column.name, texts, lines, head)
         if unit is None or 2 * sum(f is not None for f in found) <= sum(map(bool, texts)):
             continue
         values = np.full(len(texts), np.nan)
@@ -223,25 +225,33 @@ _DIGITS = frozenset("0123456789+-.,\u2212")
 
 
 def _refuse_groups(
-    file: RawFile, name: str, texts: Sequence[str], lines: NDArray[np.int64], head: TableHead
+    file: RawFile, columns: Sequence[Column], lines: NDArray[np.int64], head: TableHead
 ) -> None:
-    """Refuse numbers with a unit such as 1,234 mm where none shows what the mark is."""
-    numbers = [t.rstrip("%\u00b0\u2032\u2033'\"" + _LETTERS) for t in texts]
-    decimal = head.layout.dialect.decimal
+    """Refuse numbers with a unit such as 1,234 mm where no number of the file shows what the mark is.
+
+    A plain number of another column that is not whole does: `Body` has refused those in doubt.
+    """
+    dialect = head.layout.dialect
+    texts = {
+        c.name: [t.rstrip("%\u00b0\u2032\u2033'\"" + _LETTERS) for t in c.labels]
+        for c in columns
+        if c.labels is not None and any(quantity(t, dialect) for t in c.labels)
+    }
+    values = [c.values for c in columns if c.values is not None]
+    if any(np.any(v[np.isfinite(v)] % 1.0) for v in values):
+        return
     for mark in ",.":
-        other = "." if mark == "," else ","
-        grouped = [
-            i
-            for i, t in enumerate(numbers)
-            if re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}\{mark}\d{{3}}\s*", t)
-        ]
-        shown = mark == decimal and any(DECIMAL_SHOWN[mark].search(t) for t in numbers)
-        if grouped and not shown and not (mark == "." and decimal == "."):
-            raise AmbiguousFormatError(
-                f"{file.path}: line {int(lines[grouped[0]])}: column {name!r} holds {texts[grouped[0]]!r}, which is "
-                f"one or one thousand, and no number of the file shows which; give decimal='{mark}', or "
-                f"thousands='{mark}' with decimal='{other}'"
-            )
+        own = (t for numbers in texts.values() for t in numbers)
+        if mark == dialect.decimal and any(map(DECIMAL_SHOWN[mark].search, own)):
+            continue
+        if mark == dialect.decimal == "." and dialect.separator not in ";\t":
+            continue  # where a decimal comma would separate columns
+        grouped = re.compile(rf"[+\-\u2212]?[1-9]\d{{0,2}}\{mark}\d{{3}}\s*")
+        for name, numbers in texts.items():
+            at = next((i for i, t in enumerate(numbers) if grouped.fullmatch(t)), None)
+            if at is not None:
+                field = next(c.labels for c in columns if c.name == name and c.labels)[at]
+                raise one_or_thousand(file, int(lines[at]), field, name, mark)
 
 
 _LETTERS = " abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ\u00b5\u03bc\u00c5"
@@ -435,78 +445,30 @@ def refuse_markers(
     return found
 
 
-_BAD = frozenset(
-    [
-        "bad",
-        "ng",
-        "n.g.",
-        "nok",
-        "nio",
-        "n.i.o.",
-        "fail",
-        "failed",
-        "failure",
-        "fault",
-        "faulty",
-        "invalid",
-        "error",
-        "err",
-        "reject",
-        "rejected",
-        "outlier",
-        "void",
-        "false",
-        "overflow",
-        "overrange",
-        "uncertain",
-        "fehler",
-        "fehlerhaft",
-        "ungültig",
-        "schlecht",
-        "defekt",
-        "ausreisser",
-        "ausschuss",
-        "mauvais",
-        "invalide",
-        "erreur",
-        "rebut",
-        "errore",
-        "scarto",
-        "malo",
-        "erróneo",
-        "inválido",
-        "fallo",
-        "无效",
-        "异常",
-        "不合格",
-        "不良",
-        "無効",
-        "異常",
-        "エラー",
-    ]
-)
-"""What a column of words says of a row that was not measured well."""
-
-
 def _marked_bad(columns: Sequence[Column], lines: NDArray[np.int64]) -> list[str]:
-    """Return a warning for each column of words that calls some rows bad; they are read like the others."""
+    """Return a warning for each column that calls some rows bad; they are read like the others."""
     found = []
     for column in columns:
-        bad = {t for t in set(column.labels or ()) if t.casefold() in _BAD}
-        at = [i for i, t in enumerate(column.labels or ()) if t in bad]
-        if 0 < len(at) < len(lines):
-            every = ",".join(str(lines[i]) for i in at[:_LISTED]) + (
-                ",..." if len(at) > _LISTED else ""
-            )
-            found.append(
-                f"column {column.name!r} says {min(bad)!r} in {len(at)} row(s) (first: line "
-                f"{int(lines[at[0]])}), which were read like the others; leave them out with skip_lines='{every}'"
-            )
+        if column.unit is not None:
+            continue
+        at, text = bad_rows(column.name, column.labels, column.values)
+        if not at.size:
+            continue
+        said = (
+            f"column {column.name!r} says {text!r} in {at.size} row(s) (first: line {int(lines[at[0]])}), which "
+            "were read like the others; "
+        )
+        if at.size == len(lines):
+            found.append(f"{said}that is every row: ask what it means before you use the numbers")
+            continue
+        parts = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
+        ends = ((int(lines[p[0]]), int(lines[p[-1]])) for p in parts)
+        every = ",".join(f"{a}" if a == b else f"{a}-{b}" for a, b in ends)
+        most = (
+            "if that means that these were not measured well, " if 2 * at.size > len(lines) else ""
+        )
+        found.append(f"{said}{most}leave them out with skip_lines='{every}'")
     return found
-
-
-_LISTED = 20
-"""Lines that a hint lists."""
 
 
 def without_empty_rows(table: Table) -> Table:
@@ -774,6 +736,7 @@ def to_si(
             f"{file.path}: column {column.name!r} ({role}) declares no unit; rename it like "
             f"'{column.name}_{_usual(dimension)}', or give {role}=({column.name!r}, "
             f"{_usual(dimension)!r}) or unit="
+            + (", with ms, us or ns for s if it counts these" if dimension == "time" else "")
         )
     if scale is not None:
         if unit.dimension != "voltage":

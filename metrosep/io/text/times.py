@@ -79,14 +79,35 @@ _COUNTED = (
     (3e4, 7.5e4, 86400.0, "days of a spreadsheet"),
 )
 """First and last number of each count of time in the years in which instruments write files."""
+_SURE = 1e17  # as a time since the start of anything, in whatever unit, more than three years
+_CALENDAR = re.compile(
+    r"date|datum|time_?stamp|zeitstempel|unix|epoch|posix|filetime", re.IGNORECASE
+)
+"""Names of a column that says when a row was, not how long after the first."""
+_FINE = {86400.0: 0.1 * 86400.0, 1e-3: 1.0}
+"""Longest step in s of days (far below one) and of ms (as ns it would be 1 us: too fast for a table)."""
 
 
-def counted_moments(values: FloatArray) -> tuple[FloatArray, str] | None:
-    """Return numbers of a clock without a unit in s from the first, and what they count; else None."""
+def counted_moments(name: str, values: FloatArray) -> tuple[FloatArray, str] | None:
+    """Return numbers of a clock without a unit in s from the first, and what they count; else None.
+
+    A time that runs from the start of a logger in ms has the numbers of days of a spreadsheet, one in
+    us those of seconds since 1970: below `_SURE` the name must say that it is a date, and days and
+    seconds must have fractions.
+    """
     known = values[np.isfinite(values)]
+    is_dated = _CALENDAR.search(name) is not None
     for low, high, seconds, what in _COUNTED:
-        if known.size and low <= known.min() and known.max() <= high:
-            return (values - known[0]) * seconds, what
+        if not known.size or low > known.min() or known.max() > high:
+            continue
+        found = (values - known[0]) * seconds
+        if low >= _SURE:
+            return found, what
+        steps = np.diff(known) * seconds
+        is_fine = steps.size > 0 and float(np.max(steps)) <= _FINE.get(seconds, np.inf)
+        has_fractions = seconds < 1.0 or bool(np.any(known % 1.0))
+        if is_dated and is_fine and has_fractions:
+            return found, what
     return None
 
 

@@ -1,0 +1,160 @@
+"""Words that call a row bad, in remarks behind a row and in columns of a status beside it.
+
+There is one list of them. What true, no or 1 means depends on the name of its column: no under
+``valid`` is bad, under ``outlier`` it is good, under ``coolant`` it says nothing about the row.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.io.text.dialect import BEYOND, bare_unit, is_other_unit
+
+__all__ = ["bad_rows", "changes_row", "says_bad", "truth_of_name"]
+
+_BAD_TEXT = """
+ng nok nio bad wrong error errors err fail failed failure fault faulty outlier outliers reject rejected
+invalid void ignore ignored discard discarded delete deleted exclude excluded skip skipped drop dropped
+spike glitch artefact artifact suspect doubtful uncertain damaged broken scrap alarm overflow overrange
+overload saturated saturation clipped lost fehler fehlerhaft ungültig ungueltig ausreisser ausreißer
+ausschuss schlecht defekt verworfen gestört störung übersteuert gesättigt alarme faux fausse erreur mauvais
+mauvaise invalide aberrant aberrante rejet rejeté rebut saturé errore errato sbagliato scarto scartato
+malo mala erróneo erroneo inválido rechazado atípico fallo descartado fout ongeldig fel ogiltig błąd chyba
+"""
+_BAD = frozenset(_BAD_TEXT.split())
+"""Words that call a row bad."""
+_OTHER = frozenset(("repeat", "repeated", "redo", "scaled", "times", "double", "doubled", "half"))
+"""Words that may make the numbers of a row others than they are."""
+_NOT = frozenset(
+    (
+        "no",
+        "not",
+        "non",
+        "nicht",
+        "kein",
+        "keine",
+        "ohne",
+        "mal",
+        "pas",
+        "niet",
+        "ej",
+        "nie",
+        "ne",
+        "without",
+    )
+)
+_GOOD_TEXT = """
+ok io good valid pass passed accepted fine trusted usable use used signal reading data measured contact
+gültig gueltig gut verwendet verwenden messwert gemessen kontakt valide bon bonne buono buona valido
+válido bueno buena geldig giltig goed
+"""
+_GOOD = frozenset(_GOOD_TEXT.split())
+"""Words that call a row good; behind a not they call it bad."""
+_BAD_WITHIN = re.compile(
+    "無効|不良|異常|外れ|除外|エラー|无效|無效|异常|错|坏|粗大|剔除|不合格|오류|무효|불량|ошиб|неверн|брак|выброс"
+)
+_GOOD_WITHIN = re.compile("有効|有效|合格|正常|유효|정상|годн|верно")
+"""The same where words are not set apart, or have many endings."""
+_TRUE = frozenset(
+    (
+        "true",
+        "yes",
+        "y",
+        "ja",
+        "j",
+        "wahr",
+        "oui",
+        "o",
+        "vrai",
+        "sì",
+        "si",
+        "sí",
+        "s",
+        "vero",
+        "verdadero",
+        "x",
+        "1",
+        "はい",
+        "是",
+        "真",
+    )
+)
+_FALSE = frozenset(
+    ("false", "no", "n", "nein", "falsch", "non", "faux", "falso", "0", "いいえ", "否", "假")
+)
+_APART = re.compile(r"[^\w/\u00b0%'\u2019]+|_")
+_CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
+_FEW = 4
+"""Words of the longest status; what is longer is a text about something."""
+
+
+def _words(text: str) -> list[str]:
+    """Return the words of a text in lower case, n.g. as ng too."""
+    plain = unicodedata.normalize("NFKC", text)
+    joined = re.sub(r"(?<=\b\w)\.(?=\w\b)", "", plain).replace(".", " ")
+    return [w.casefold() for w in _APART.split(joined) if w]
+
+
+def changes_row(remark: str) -> bool:
+    """Whether a remark may change what its row says: by a digit, a unit, or a word that calls it bad."""
+    text = unicodedata.normalize("NFKC", remark).strip("#% ")
+    words = [w for t in (text, text.replace(".", "")) for w in _APART.split(t) if w]  # n.g. too
+    if any(map(str.isdigit, text)) or bare_unit(text) or is_other_unit(text):
+        return True
+    if _BAD_WITHIN.search(text.casefold()):
+        return True
+    if any(w.casefold() in _BAD | _OTHER | _NOT or w.casefold() == "falsch" for w in words):
+        return True
+    # "in" is an inch where it stands alone only
+    return any(w != "in" and (bare_unit(w) or (len(w) > 1 and is_other_unit(w))) for w in words)
+
+
+def says_bad(text: str) -> bool:
+    """Whether a status calls its row bad; no error and not bad do not."""
+    return text.strip().casefold() in BEYOND or _sign(_words(text)) < 0
+
+
+def truth_of_name(name: str) -> bool | None:
+    """Return whether true in a column of this name means a good row; None where it says nothing."""
+    sign = _sign(_words(_CAMEL.sub(" ", name)))
+    return None if sign == 0 else sign > 0
+
+
+def _sign(words: Sequence[str]) -> int:
+    """Return -1 for words that call a row bad, 1 for good, 0 for neither; a not turns them round."""
+    if len(words) > _FEW:
+        return 0
+    text = " ".join(words)
+    bad = any(w in _BAD for w in words) or _BAD_WITHIN.search(text) is not None
+    good = any(w in _GOOD for w in words) or _GOOD_WITHIN.search(text) is not None
+    turned = any(w in _NOT for w in words) or "free" in words
+    sign = -1 if bad else int(good)
+    return -sign if turned else sign
+
+
+def bad_rows(
+    name: str, labels: Sequence[str] | None, values: FloatArray | None
+) -> tuple[NDArray[np.intp], str]:
+    """Return the rows that a column calls bad, and the field of the first."""
+    means_good = truth_of_name(name)
+    if labels is None:
+        whole = values if values is not None else np.empty(0)
+        if means_good is None or not np.isin(whole, (0.0, 1.0)).all():
+            return np.empty(0, dtype=np.intp), ""
+        at = np.flatnonzero(whole == float(not means_good))
+        return at, f"{0 if means_good else 1}"
+    kinds = {t: t.strip().strip('"').casefold() for t in set(labels)}
+    used: Iterable[str] = {t for t in kinds.values() if t}
+    if all(t in _TRUE | _FALSE for t in used):
+        wanted = _FALSE if means_good else _TRUE
+        bad = {t for t, plain in kinds.items() if means_good is not None and plain in wanted}
+    else:
+        bad = {t for t in kinds if says_bad(t)}
+    at = np.flatnonzero([t in bad for t in labels]) if bad else np.empty(0, dtype=np.intp)
+    return at, labels[at[0]] if at.size else ""
