@@ -544,11 +544,12 @@ def _orders(
         basis = np.empty((Q.shape[0], 0))
         for d in range(top + 1):
             block = _degree(Pu, Pv, d)
-            block = block / np.sqrt(np.einsum("ij,ij->j", block, block))
+            size = np.sqrt(np.einsum("ij,ij->j", block, block))
+            block = block / np.where(size > 0.0, size, 1.0)  # of one row P1 and the like are 0
             for _ in range(2):
                 block = block - basis @ (basis.T @ block)
-            new, size, _ = np.linalg.svd(block, full_matrices=False)
-            new = new[:, size > _NOTHING]
+            new, left, _ = np.linalg.svd(block, full_matrices=False)
+            new = new[:, left > _NOTHING]
             held[d] = np.square(new.T @ Q).sum(axis=0)
             basis = np.hstack([basis, new])
         reached = np.cumsum(held, axis=0) >= 0.5
