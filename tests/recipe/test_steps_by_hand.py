@@ -296,18 +296,20 @@ def test_pixels_beyond_the_map_are_counted_as_on_a_larger_map_of_gaps(a, b, kind
     assert (counts[0][1] > 0) == (a[0] != 9.5 * UM or a[1] != 29.5 * UM)
 
 
-@pytest.mark.parametrize("where", ["whole", "pixel", "edge", "outside"])
-def test_any_pixel_of_a_step_that_is_missing_prevents_a_verdict(tmp_path, where):
+@pytest.mark.parametrize("where", ["whole", "pixel", "edge", "patch", "outside"])
+def test_more_than_a_few_missing_pixels_of_a_step_prevent_a_verdict(tmp_path, where):
     z, text = two_faces(), STEP
     if where == "pixel":
         z[30, 20] = np.nan
+    elif where == "patch":
+        z[20:30, 12:20] = np.nan  # 80 of 2400
     elif where == "edge":
         z[:, 35:45] = np.nan  # the middle third, which is not used
     elif where == "outside":
         text = STEP.replace('width = "60 um"', 'width = "64 um"')
     found, _ = judged(tmp_path, z, text)
     entry = found["section.edge.h"]
-    wanted = "accept" if where in ("whole", "edge") else "inconclusive"
+    wanted = "accept" if where in ("whole", "pixel", "edge") else "inconclusive"
     assert entry["verdict"] == wanted
     assert entry["value"] == pytest.approx(25.4 * NM, abs=1e-11)
     assert ("% of section edge was not measured" in entry.get("reason", "")) == (
