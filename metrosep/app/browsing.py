@@ -62,6 +62,8 @@ def listing(session: Session, message: Message, cancel: Cancel, tell: Tell) -> A
         if cancel():
             break
         kind = "folder" if entry.is_folder else _kind_of(entry.path)
+        if not _can_be_named(entry.path):
+            kind = ""
         rows.append({**_row(entry), "kind": kind})
     is_root = folder in places.roots
     return {
@@ -107,11 +109,14 @@ def latest(session: Session, message: Message, cancel: Cancel, tell: Tell) -> An
         found = [e for e in entries if e.path.suffix.lower() == file.suffix.lower()]
     else:
         found = [e for e in entries if e.path.name == file.name]
+    found = [e for e in found if _can_be_named(e.path)]
     if not found:
         return {"path": None}, {}
     newest = max(found, key=lambda e: (e.seconds, e.path.name))
-    stamp = f"{newest.path} {newest.size} {newest.path.stat().st_mtime_ns}"
-    return {"path": str(newest.path), "stamp": stamp}, {}
+    facts, read = newest.path.stat(), opened.stamps
+    stamp = f"{newest.path} {facts.st_size} {facts.st_mtime_ns}"
+    is_open = bool(read) and stamp == f"{read[0].file} {read[0].size} {read[0].mtime_ns}"
+    return {"path": str(newest.path), "stamp": stamp, "is_open": is_open}, {}
 
 
 def remember(session: Session) -> None:
@@ -188,10 +193,25 @@ def _entries(places: Places, folder: Path) -> Sequence[_Entry]:
     return found
 
 
+def _can_be_named(path: Path) -> bool:
+    """Return whether a path is text: a name that is not in UTF-8 cannot come back from the page."""
+    try:
+        str(path).encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def _row(entry: _Entry) -> dict[str, Any]:
+    name, path = (
+        text.encode("utf-8", "backslashreplace").decode("utf-8").replace("\\udc", "\\x")
+        if not _can_be_named(entry.path)
+        else text
+        for text in (entry.path.name, str(entry.path))
+    )
     return {
-        "name": entry.path.name,
-        "path": str(entry.path),
+        "name": name,
+        "path": path,
         "is_folder": entry.is_folder,
         "size": entry.size,
         "changed": entry.seconds,

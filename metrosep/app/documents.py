@@ -516,7 +516,12 @@ class Places:
         """Return a path without symbolic links, if it lies inside the opened folders."""
         if not path or "\0" in path or not self.roots:
             return None
-        found = Path(os.path.realpath(self.roots[0] / path))
+        try:
+            found = Path(os.path.realpath(self.roots[0] / path))
+            found.exists()
+        except (OSError, UnicodeError) as exc:
+            why = getattr(exc, "strerror", "") or "its letters are no text"
+            raise ReadError(f"{ascii(path[:60])[1:-1]}: cannot be a file here ({why})") from None
         return found if any(found.is_relative_to(root) for root in self.roots) else None
 
     def admits(self, path: Path) -> bool:

@@ -34,6 +34,8 @@ Linearise = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 _SIDE, _SIDE_B, _LINE = 400, 48, 4000
 """Pixels along a map (part B: its polynomials are smooth) and along a profile; more are averaged in
 blocks. u changes by less than 1.5 % (metrology-2, 1.4)."""
+_FEW = 8
+"""Blocks across a map are left at least, or as many as it has rows: a tilt across needs them."""
 _VALUES = 4_000_000
 """Of all columns together: with many parameters the blocks are larger."""
 _PAIRS = 0.02
@@ -86,8 +88,8 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
             return _scattered(points, linearise, residual, p)
         is_line = points.z.shape[0] == 1
         limit = _LINE if is_line else min(_SIDE, max(int(np.sqrt(_VALUES / p)), 64))
-        b = -(-max(points.z.shape) // limit)
-        x, y, J, r = _means(points, linearise, residual, p, b)
+        b_y, b_x = _sides(points.z.shape, -(-max(points.z.shape) // limit))
+        x, y, J, r = _means(points, linearise, residual, p, b_y, b_x)
         good = ~np.isnan(r)
         N = int(good.sum())
         if p >= N:
@@ -120,7 +122,7 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
         n_effective = N / area
         if n_effective < 2 * p:
             return _unknown(p, n_effective)
-        length = b * (0.5 * area if is_line else np.sqrt(area / np.pi))
+        length = 0.5 * b_x * area if is_line else np.sqrt(b_y * b_x * area / np.pi)
         return Estimate(cov * level**2, dof, n_effective, float(length), bounded)
 
 
@@ -231,16 +233,15 @@ def _is_of_full_rank(J: FloatArray) -> bool:
 
 
 def _means(
-    points: Points, linearise: Linearise, residual: FloatArray, p: int, b: int
+    points: Points, linearise: Linearise, residual: FloatArray, p: int, b_y: int, b_x: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return x, y, derivatives (p, ., .) and residual as means over b x b points.
+    """Return x, y, derivatives (p, ., .) and residual as means over b_y x b_x points.
 
     NaN in the residual where less than half of a block is valid. The mean of the derivatives is that
-    of Gauss' two points along each side, exact for what is cubic in a block, at a cost of 4 / b^2.
+    of Gauss' two points along each side, exact for what is cubic in a block, at a cost of 4 / (b_y b_x).
     """
     n_y, n_x = points.z.shape
-    across = 1 if n_y == 1 else b
-    rows, columns = _two_of_each(n_y, across), _two_of_each(n_x, b)
+    rows, columns = _two_of_each(n_y, b_y), _two_of_each(n_x, b_x)
     J = np.empty((p, rows.size, columns.size))
     strip = max(1, 16384 // columns.size)
     for start in range(0, rows.size, strip):
@@ -252,10 +253,16 @@ def _means(
     r = residual[np.ix_(rows, columns)]
     x = np.broadcast_to(points.x[columns], r.shape)
     y = np.broadcast_to(points.y[rows, None], r.shape)
-    x, y, J, r = _blocks(x, y, J, r, min(across, 2), min(b, 2), least=0.25)
-    if b > 2:
-        r = np.where(np.isnan(r), np.nan, _mean_heights(residual, across, b))
+    x, y, J, r = _blocks(x, y, J, r, min(b_y, 2), min(b_x, 2), least=0.25)
+    if max(b_y, b_x) > 2:
+        r = np.where(np.isnan(r), np.nan, _mean_heights(residual, b_y, b_x))
     return x, y, J, r
+
+
+def _sides(shape: tuple[int, ...], b: int) -> tuple[int, int]:
+    """Return rows and columns of a block: squares of b, less across a map that has only a few rows."""
+    rows, columns = (min(b, max(1, n // _FEW)) for n in shape)
+    return rows, columns
 
 
 def _two_of_each(n: int, b: int) -> NDArray[np.intp]:
@@ -544,11 +551,12 @@ def _orders(
         basis = np.empty((Q.shape[0], 0))
         for d in range(top + 1):
             block = _degree(Pu, Pv, d)
-            block = block / np.sqrt(np.einsum("ij,ij->j", block, block))
+            size = np.sqrt(np.einsum("ij,ij->j", block, block))
+            block = block / np.where(size > 0.0, size, 1.0)  # of one row P1 and the like are 0
             for _ in range(2):
                 block = block - basis @ (basis.T @ block)
-            new, size, _ = np.linalg.svd(block, full_matrices=False)
-            new = new[:, size > _NOTHING]
+            new, left, _ = np.linalg.svd(block, full_matrices=False)
+            new = new[:, left > _NOTHING]
             held[d] = np.square(new.T @ Q).sum(axis=0)
             basis = np.hstack([basis, new])
         reached = np.cumsum(held, axis=0) >= 0.5

@@ -123,9 +123,8 @@ class StepHeight:
             faces = {"step": ("second face", "first"), "regions": ("upper region", "lower one")}
             what = "height of the {} over the {}".format(*faces[self.kind])
             what, how = what + ("" if signed else ", absolute"), "one plane for both"
-        text = f"{what}, {how}, {self.n_used} samples"
         return Quantity(
-            self.height if signed else self.depth, "m", text,
+            self.height if signed else self.depth, "m", f"{what}, {how}",
             u=self.u if known else None, symbol="h" if signed else "d",
             dof=self.dof if known else None, u_source="fit residual",
         )  # fmt: skip

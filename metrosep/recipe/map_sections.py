@@ -41,6 +41,9 @@ __all__ = [
 MOST_SECTIONS = 64
 """Of a recipe; each is read anew from the whole map."""
 
+_FEW = 0.01
+"""Of the pixels of a step or groove that may be missing in a verdict: its height is a mean over all of them."""
+
 _POINT = 'x and y, "1.2 mm, 0.3 mm"'
 _DEGREE = Option(
     "integer", choices=(1, 2), default=1, help="of the faces: 2 where they are bowed from a to b"
@@ -294,9 +297,13 @@ def _fitted(obj: Surface, section: Mapping[str, Any]) -> MapSection:
         "the fit leaves, its correlation counted; scale and reference of the instrument are not in it"
     )
     wrong = [f"section {name}: {m}" for m in found.messages]
-    if found.n_missing:
-        wrong.insert(0, _lost(name, found.n_missing / (found.n_used + found.n_missing)))
-    return MapSection(name, kind, values, (text, *wrong), keys=section, missing="; ".join(wrong))
+    said = [text]
+    share = found.n_missing / (found.n_used + found.n_missing)
+    if share > _FEW:
+        wrong.insert(0, _lost(name, share))
+    elif share > 0.0:
+        said.append(f"{100.0 * share:.2g} % of section {name} was not measured and is left out")
+    return MapSection(name, kind, values, (*said, *wrong), keys=section, missing="; ".join(wrong))
 
 
 def _extremes_in(obj: Surface, section: Mapping[str, Any]) -> tuple[dict[str, float], str]:

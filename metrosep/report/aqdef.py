@@ -25,6 +25,7 @@ from metrosep.report.text import (
     characteristic_rows,
     decimals_for,
     document_writer,
+    exchange_names,
     one_line,
 )
 
@@ -93,7 +94,13 @@ write_dfq = document_writer(
 def _require_same(
     first: Sequence[CharacteristicRow], rows: Sequence[CharacteristicRow], number: int
 ) -> None:
-    described = [[(r.metric, r.name, r.unit, r.lower, r.upper) for r in x] for x in (first, rows)]
+    described = [
+        [
+            (r.metric, name, r.unit, r.lower, r.upper)
+            for r, name in zip(x, exchange_names(x), strict=True)
+        ]
+        for x in (first, rows)
+    ]
     if described[0] == described[1]:
         return
     odd = next((b for a, b in zip(*described, strict=False) if a != b), None)
@@ -122,9 +129,12 @@ def _head(
 def _description(
     rows: Sequence[CharacteristicRow], scales: Sequence[tuple[str, float]]
 ) -> Iterator[str]:
-    for i, (row, (unit, factor)) in enumerate(zip(rows, scales, strict=True), start=1):
+    names = exchange_names(rows, _TEXT)
+    for i, (row, name, (unit, factor)) in enumerate(
+        zip(rows, names, scales, strict=True), start=1
+    ):
         yield _line(f"K2001/{i}", str(i), _SHORT)
-        yield _line(f"K2002/{i}", row.name or row.metric or "not named", _TEXT)
+        yield _line(f"K2002/{i}", name, _TEXT)
         yield f"K2004/{i} 0"
         yield f"K2022/{i} {_decimals(row, factor)}"
         for field, limit in (("K2110", row.lower), ("K2111", row.upper)):

@@ -13,6 +13,7 @@ import json
 import os
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,7 +31,7 @@ from metrosep.report.certificate import (
     stated_pairs,
 )
 from metrosep.report.schemas import element, require_valid, xml_bytes
-from metrosep.report.text import CharacteristicRow, characteristic_rows, one_line
+from metrosep.report.text import CharacteristicRow, characteristic_rows, exchange_names, one_line
 
 __all__ = ["render_qif", "write_qif"]
 
@@ -116,8 +117,9 @@ def render_qif(document: Document) -> bytes:
     result states one, so the middle of its limits, or its only limit, stands there and is described as such.
     Without limits such a value is an attribute of the results.
     """
-    entries = document.get("characteristics") or []
-    rows = [_row_of(e, r) for e, r in zip(entries, characteristic_rows(document), strict=True)]
+    entries, held = document.get("characteristics") or [], characteristic_rows(document)
+    names = exchange_names(held)
+    rows = [_row_of(e, replace(r, name=n)) for e, r, n in zip(entries, held, names, strict=True)]
     placed = [r for r in rows if r.kind is not _OTHER or _limits(r.row)]
     if not placed:
         raise DataError(
@@ -305,7 +307,7 @@ def _characteristics(
     for each in rows:
         row, stem = each.row, f"UserDefined{each.kind.name}Characteristic"
         definition, nominal, item, measured = (ids.new() for _ in range(4))
-        name = _qif("Name", _words(row.name or row.metric))
+        name = _qif("Name", _words(row.name))
         own = each.kind is _OTHER
         limits = [
             each.value(tag, v)
@@ -355,6 +357,10 @@ def _characteristics(
 def _measurement(each: _Row, name: str, ids: tuple[str, str, str], devices: Any) -> Any:
     row, (own, item, component) = each.row, ids
     U, k, p = coverage_of(each.entry, row)
+    if U == 0.0:  # simple acceptance: there is no distribution of which k and p could speak
+        k = p = None
+    if row.U is not None and each.entry.get("u_source") not in ("fit residual", "of the method"):
+        p = None  # of a U that was typed only k is known
     u = U / k if U is not None and k is not None else row.u
     numbers = {} if U is None else {"expandedUncertainty": each.number(U)}
     numbers |= {} if k is None or U is None else {"coverageFactor": repr(k)}
@@ -484,7 +490,7 @@ def _results(
     )
     status = _qif("InspectionStatusEnum", _INSPECTION[document.get("verdict")])
     loose = {
-        f"{r.row.name or r.row.metric} ({r.unit})": repr(r.row.value)
+        f"{r.row.name} ({r.unit})": repr(r.row.value)
         for r in rows
         if r.kind is _OTHER and not _limits(r.row) and r.row.value is not None
     }

@@ -214,6 +214,25 @@ def characteristic_rows(document: Document) -> list[CharacteristicRow]:
     ]
 
 
+def exchange_names(rows: Sequence[CharacteristicRow], most: int | None = None) -> list[str]:
+    """Return a name for each row that is the same for every part and that no other row has.
+
+    That of its check, else its metric: a definition is long, and equal for two sections. `most` is the
+    number of letters that the format holds.
+    """
+    found: list[str] = []
+    for row in rows:
+        own = row.metric if row.name == row.definition else row.name
+        stem, n = " ".join((own or row.metric or "not named").split()), 1
+        name = stem[:most].strip()
+        while name in found:
+            n += 1
+            tail = f" ({n})"
+            name = stem[: None if most is None else most - len(tail)].strip() + tail
+        found.append(name)
+    return found
+
+
 def guard_factors(document: Document) -> list[float | None]:
     """Return the guard factor of each characteristic."""
     entries = document.get("characteristics") or []

@@ -111,8 +111,38 @@ def test_the_latest_of_a_folder_is_of_the_same_kind_and_no_link_out_of_it(folder
     (folder / "z.toml").write_text("")
     there, _ = page.answer({"k": "latest", "of": "folder"})
     assert (here["path"], there["path"]) == (str(folder / "Part.x3p"), str(newer))
+    assert (here["is_open"], there["is_open"]) == (True, False)
     same, _ = page.answer({"k": "latest", "of": "file"})
     assert same == here
     os.utime(folder / "Part.x3p", (3e9, 3e9))
-    assert page.answer({"k": "latest", "of": "file"})[0]["stamp"] != here["stamp"]
+    written, _ = page.answer({"k": "latest", "of": "file"})  # before *Follow* was chosen or after
+    assert written["stamp"] != here["stamp"]
+    assert not written["is_open"]
     page.session.close()
+
+
+def test_a_name_that_is_not_utf8_is_shown_escaped_and_followed_past(folder: Path) -> None:
+    from metrosep.app.wire import pack, unpack
+
+    bad = os.fsencode(str(folder)) + b"/bad\xff.x3p"
+    Path(os.fsdecode(bad)).write_bytes((folder / "Part.x3p").read_bytes())
+    os.utime(bad, (4e9, 4e9))
+    page = answers(folder)
+    page.answer({"k": "open", "path": str(folder / "Part.x3p")})
+    header, _ = unpack(pack(page.answer({"k": "list"})[0]))  # as it goes to the page
+    assert "bad\\xff.x3p" in names(header)
+    assert "Part.x3p" in names(header)
+    newest, _ = page.answer({"k": "latest", "of": "folder"})
+    assert newest["path"] == str(folder / "Part.x3p")
+    with pytest.raises(ReadError, match=r"bad\\xff.x3p: there is no such file"):
+        page.answer({"k": "thumbnail", "path": str(folder / "bad\\xff.x3p")})
+    page.session.close()
+
+
+@pytest.mark.parametrize("path", ["a" * 5000, "b/" * 3000, "lone \ud800"])
+def test_a_path_that_cannot_be_is_refused_with_a_sentence(folder: Path, path: str) -> None:
+    for request in ("list", "thumbnail", "open"):
+        with pytest.raises(ReadError) as refused:
+            answers(folder).answer({"k": request, "path": path})
+        assert len(str(refused.value)) < 200
+        str(refused.value).encode()

@@ -117,6 +117,28 @@ def test_a_band_of_a_few_rows_has_an_uncertainty():
         assert 0.8 * white < found.u < 2.0 * white
 
 
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("rows", [1, 2])
+def test_a_band_of_one_row_or_column_has_an_uncertainty(rows, turned):
+    rng = np.random.default_rng(7)
+    z = np.where(np.arange(160) >= 80, 25 * NM, 0.0) + NM * rng.standard_normal((12, 160))
+    a, b, middle = (20 * UM, 5 * UM), (139 * UM, 5 * UM), 79.5 * UM
+    if turned:
+        z, a, b = z.T, a[::-1], b[::-1]
+    found = step_between(ms.Surface(z, UM, UM), a, b, width=(rows - 0.5) * 2 * UM)
+    assert found.n_used == 2 * 40 * (1 if rows == 1 else 3)
+    white = NM * math.sqrt(52.0 / found.n_used)
+    assert 0.7 * white < found.u < 2.5 * white
+    assert found.height == pytest.approx(25 * NM, abs=4 * found.u)
+    groove = np.where(np.abs(np.arange(160) * UM - middle) < 20 * UM, -25 * NM, 0.0)
+    narrow = np.tile(groove, (rows, 1)) + NM * rng.standard_normal((rows, 160))
+    axis = "y" if turned else "x"
+    thin = ms.Surface(narrow.T if turned else narrow, UM, UM)
+    other = step_height(thin, width="40 um", middle=middle, axis=axis)
+    assert other.height == pytest.approx(-25 * NM, abs=4 * other.u)
+    assert other.u > 0.1 * NM
+
+
 def judged(tmp_path, z, text):
     ms.write(ms.Surface(z, UM, UM), tmp_path / "part.x3p")
     (tmp_path / "r.toml").write_text(HEAD + text)
@@ -145,6 +167,8 @@ def test_a_step_of_a_recipe_is_judged_and_reversed_it_fails(tmp_path):
     )  # x3p holds doubles
     assert found["section.edge.h"]["verdict"] == "accept"
     assert found["section.edge.d"]["value"] == pytest.approx(25.4 * NM, abs=1e-14)
+    assert "2400" not in found["section.edge.h"]["definition"]  # equal for every part
+    assert any("2400 pixels" in m for m in result.document["messages"])
     turned, _ = judged(tmp_path, two_faces()[:, ::-1], STEP)
     assert turned["section.edge.h"]["value"] == pytest.approx(-25.4 * NM, abs=1e-14)
     assert turned["section.edge.h"]["verdict"] == "reject"
@@ -272,18 +296,20 @@ def test_pixels_beyond_the_map_are_counted_as_on_a_larger_map_of_gaps(a, b, kind
     assert (counts[0][1] > 0) == (a[0] != 9.5 * UM or a[1] != 29.5 * UM)
 
 
-@pytest.mark.parametrize("where", ["whole", "pixel", "edge", "outside"])
-def test_any_pixel_of_a_step_that_is_missing_prevents_a_verdict(tmp_path, where):
+@pytest.mark.parametrize("where", ["whole", "pixel", "edge", "patch", "outside"])
+def test_more_than_a_few_missing_pixels_of_a_step_prevent_a_verdict(tmp_path, where):
     z, text = two_faces(), STEP
     if where == "pixel":
         z[30, 20] = np.nan
+    elif where == "patch":
+        z[20:30, 12:20] = np.nan  # 80 of 2400
     elif where == "edge":
         z[:, 35:45] = np.nan  # the middle third, which is not used
     elif where == "outside":
         text = STEP.replace('width = "60 um"', 'width = "64 um"')
     found, _ = judged(tmp_path, z, text)
     entry = found["section.edge.h"]
-    wanted = "accept" if where in ("whole", "edge") else "inconclusive"
+    wanted = "accept" if where in ("whole", "pixel", "edge") else "inconclusive"
     assert entry["verdict"] == wanted
     assert entry["value"] == pytest.approx(25.4 * NM, abs=1e-11)
     assert ("% of section edge was not measured" in entry.get("reason", "")) == (

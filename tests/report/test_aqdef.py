@@ -160,3 +160,17 @@ def test_a_limit_is_written_as_the_person_wrote_it(text):
     expected = format((Decimal(text) * Decimal(str(factor))).normalize(), "f")
     assert found[1]["K2111" if limit > 0 else "K2110"] == expected
     assert value == expected
+
+
+def test_two_sections_have_two_names_that_are_those_of_every_part():
+    def part(samples):
+        what = f"height of the middle over the faces beside it, negative, of {samples} samples, section "
+        own = [_entry("section.a.h", name=what + "a", definition=what + "a")]
+        own += [_entry("section.b.h", name=what + "b", definition=what + "b") for _ in range(2)]
+        own += [_entry("x", name="n" * 90 + end) for end in "pq"]
+        return _document(*own)
+
+    _, found, _ = _read(render_dfq([part(2400), part(2399)]))
+    names = [found[i]["K2002"] for i in range(1, 6)]
+    assert names[:3] == ["section.a.h", "section.b.h", "section.b.h (2)"]
+    assert (names[3], names[4]) == ("n" * 80, "n" * 76 + " (2)")

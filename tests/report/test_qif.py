@@ -104,13 +104,15 @@ def test_values_limits_and_uncertainties_come_back_to_the_last_digit(certified):
     judged = [e for e in certified["characteristics"] if e["verdict"] is not None]
     assert {e["verdict"] for e in judged} == {"accept", "reject", "inconclusive"}
     for entry in judged:
-        row = found[entry["name"]]
+        named = entry["name"] != entry["definition"]  # else no check gave a name
+        row = found[entry["name"] if named else entry["metric"]]
         assert len(row["stems"]) == 1  # a definition, nominal, item and measurement of one kind
         assert row["value"] == entry["value"]
         assert row["U"] == entry["U"]
         assert float(row["k"]) == entry["k"]
         assert row["u"] == pytest.approx(entry["U"] / entry["k"], abs=1e-15 * abs(entry["U"]))
-        assert 0.9 < float(row["p"]) < 1.0
+        known = entry.get("u_source") in ("fit residual", "of the method")
+        assert (row["p"] is not None) == known  # of a typed U nobody said what it covers
         limits = {"MaxValue": entry.get("upper"), "MinValue": entry.get("lower")}
         assert row["limits"] == {k: v for k, v in limits.items() if v is not None}
         assert row["status"] == VERDICTS[entry["verdict"]]
@@ -174,3 +176,24 @@ def test_at_the_door_the_file_is_checked_and_repeats(certified, tmp_path, schema
         made.append((tmp_path / name / "report.qif").read_bytes())
     assert made[0] == made[1]
     require_valid(made[0], schemas, "qif")
+
+
+def test_names_are_of_the_metric_where_no_check_gives_one_and_p_only_where_it_is_known(certified):
+    what = "height of the second face over the first, one plane for both, section "
+    rows = [
+        ("section.left.h", what + "left", {"U": 1e-9, "k": 2.0, "u_source": "stated"}),
+        ("section.right.h", what + "right", {"U": 0.0, "k": 2.0, "u_source": "stated"}),
+        ("section.right.h", what + "right", {"U": 2e-9, "k": 2.1, "u_source": "fit residual"}),
+        ("Sq", "Sq", {"U": 1e-9, "k": 2.0, "u_source": "stated"}),
+    ]
+    entries = [
+        {"metric": m, "name": n, "definition": n, "unit": "m", "value": 25e-9, "upper": 30e-9,
+         "lower": None, "verdict": "accept", **more}
+        for m, n, more in rows
+    ]  # fmt: skip
+    found = characteristics(render_qif({**certified, "characteristics": entries}))
+    assert list(found) == ["section.left.h", "section.right.h", "section.right.h (2)", "Sq"]
+    assert [(e["k"], e["p"] is not None) for e in found.values()] == [
+        ("2.0", False), (None, False), ("2.1", True), ("2.0", False),
+    ]  # fmt: skip
+    assert found["section.right.h"]["U"] == 0.0

@@ -22,7 +22,7 @@ export function makeFollow(choice, wire, open, fail) {
     try {
       const { header } = await wire.ask("latest", { of: choice.value });
       if (!header.path) return;
-      shown ||= header.stamp;
+      if (header.is_open) shown = header.stamp; // as it was read; what was written since is shown
       if (header.stamp !== shown && header.stamp === seen) {
         shown = header.stamp; // also where it cannot be read: not again before it changes
         await open([header.path]);
