@@ -216,6 +216,33 @@ def test_groups_with_a_unit_are_read_as_declared(put):
     assert ms.read(path, thousands=",", decimal=".").x[0] == pytest.approx(1.1, rel=0.0, abs=TIGHT)
 
 
+LONG = 200_000
+LONG_FIELDS = {  # a file with too long a field or remark in a line, and which line is named
+    "a remark in quotes": (lambda k: '1,"' + "word " * (LONG // 5) + '"', 5),
+    "a remark behind the row": (lambda k: "1 # " + "word " * (LONG // 5), 5),
+    "a number in quotes": (lambda k: '"' + "1" * LONG + '"', 5),
+    "a number": (lambda k: "1" * LONG, 5),
+    "letters": (lambda k: "x" * LONG, 5),
+    "a quote that does not close": (lambda k: '"' + "x" * LONG, 5),
+    "a name in quotes": (f'x_mm,"z {"n" * LONG} um"', 1),
+    "a name": (f"x_mm,z{'n' * LONG}_um", 1),
+    "a title in quotes": ('"' + "r " * LONG + '"\nx_mm,z_um', 1),
+}
+
+
+@pytest.mark.parametrize("n", [3, 3000])  # the row within the sample, or far behind
+@pytest.mark.parametrize("case", LONG_FIELDS)
+def test_a_field_too_long_for_a_table_is_named_with_its_line_and_length(put, case, n):
+    odd, line = LONG_FIELDS[case]
+    x = [0.25 * k for k in range(n + 20)]
+    top, odd = (odd, None) if isinstance(odd, str) else ("x_mm,z_um", odd)
+    path = put(table(top, lambda k, x, z: f"{x},{odd(k) if odd and k == n else z}", x, x))
+
+    at = line if odd is None else n + 2
+    with pytest.raises(ms.errors.ReadError, match=rf"line {at} has [24]0\d{{4}} characters"):
+        ms.read(path)
+
+
 # x and z of a row between semicolons, and what the message quotes; None where another cell shows the mark
 GROUPS = {
     "points, both with a unit": (

@@ -26,6 +26,7 @@ from metrosep.core.text_options import TextOptions
 from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import (
     BEYOND,
+    LONGEST_FIELD,
     NO_COMMENT,
     NO_READING,
     NUMBER_LIKE,
@@ -33,6 +34,7 @@ from metrosep.io.text.dialect import (
     bare_unit,
     is_comment,
     n_used,
+    refuse_long,
 )
 from metrosep.io.text.quality import changes_row
 
@@ -418,6 +420,8 @@ class Body:
             if not line.strip(blanks):
                 self.ledger.count("blank", 1)
                 continue
+            if len(line) > LONGEST_FIELD and not is_comment(line, options.comment):
+                refuse_long(self._file.path, number, line)
             fields = dialect.split([line])[0]
             if is_comment(line, options.comment) and not (
                 (line.lstrip().startswith(dialect.separator) and len(fields) >= self._n)

@@ -49,6 +49,7 @@ from metrosep.io.text.dialect import (
     find_layout,
     is_comment,
     quantity,
+    refuse_long,
     unmeasured_rows,
 )
 from metrosep.io.text.encoding import decode, encoding_of, plain_ends
@@ -574,6 +575,7 @@ class TableHead:
                 others.append((number, line, "comment"))
             else:
                 first = number
+                refuse_long(file.path, number, line)
                 if not content and _RUN.match(line):
                     above = (t.lstrip('# "') for _, t, k in others if k == "comment")
                     self.has_own_runs = any(map(is_marked, above))
