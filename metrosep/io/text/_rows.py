@@ -662,11 +662,23 @@ class Body:
                 values[i] = grouped
                 self._groups.append((int(lines[i]), field.strip()))
             else:
+                self._refuse_other_mark(int(lines[i]), field.strip(), name)
                 raise bad_field(self._file, int(lines[i]), field.strip(), f"column {name!r}")
         if np.isinf(values).any():
             i = int(np.flatnonzero(np.isinf(values))[0])
             raise bad_field(self._file, int(lines[i]), fields[i], f"column {name!r}")
         return values
+
+    def _refuse_other_mark(self, line: int, field: str, name: str) -> None:
+        """Refuse a number with the decimal mark that the others of the file do not have, by that cause."""
+        dialect = self._layout.dialect
+        other = replace(dialect, decimal=dialect.other_mark, thousands="")
+        if other.plain(field) is not None:
+            raise AmbiguousFormatError(
+                f"{self._file.path}: line {line}: column {name!r} holds {field[:40]!r}, whose decimal mark is "
+                f"{other.decimal!r}, but others of the file have {dialect.decimal!r}, and a file has one: export "
+                "it with one decimal mark"
+            )
 
     def _grouped_number(self, field: str, column: Sequence[str]) -> float | None:
         """Return a number in groups of three digits: their mark can be no decimal mark in this file.
