@@ -64,6 +64,9 @@ _INSTEAD = {
     rb"PK\x03\x04.*Index/Document\.iwa": "is a workbook of Numbers; export it as .xlsx or CSV",
     rb"(?:\xef\xbb\xbf)?\s*<\?xml.*(?:Excel\.Sheet|office:spreadsheet|<office:document)": "is a workbook in one XML "
     "file (Excel 2003 or .fods), whatever its name says; save it as .xlsx, .ods or CSV",
+    rb"(?:\xef\xbb\xbf)?\s*\{\s*\"characteristics\"\s*:": "is a result that metrosep wrote, not a measurement: "
+    "'metrosep report' makes its reports again and 'metrosep table' a file for a controller; to look at what was "
+    "measured, name that file",
     rb"(?:\xef\xbb\xbf)?\s*[\[{]\s*(?:[\[{]\s*)*[\"'\d\-\]}]": "holds data in braces or brackets (JSON or source text), not "
     "lines of a table; write them as CSV, one row a line",
     rb"(?:\xef\xbb\xbf)?\s*<\?xml": "is XML of a kind that no reader knows; export the table as CSV",

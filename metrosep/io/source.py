@@ -264,6 +264,12 @@ def open_file(path: str | os.PathLike[str]) -> RawFile:
     where = Path(path)
     with _explained(path):
         if where.is_dir():
+            if (where / "result.json").is_file():
+                raise ReadError(
+                    f"{where}: is a folder with a result that metrosep wrote, not a measurement: 'metrosep report' "
+                    "makes its reports again and 'metrosep table' a file for a controller; to look at what was "
+                    "measured, name that file"
+                )
             raise ReadError(f"{where}: is a folder; name a file in it")
         if where.exists() and not where.is_file():
             raise ReadError(f"{where}: is a device or a pipe; copy the data into a file first")

@@ -182,6 +182,15 @@ def test_written_grid_is_read_back_by_metrosep(bump, put):
     assert back.metadata["header"]["title"].startswith("bump 7 (step 1.37842 pm)")
 
 
+def test_lateral_steps_in_our_own_comments_are_read_back_and_those_of_others_are_not(put):
+    own = int_bytes(ms.Surface(np.arange(12.0).reshape(3, 4) * NM, dx=1.5e-6, dy=2.5e-7))
+    back = ms.read(put(own, "own.int"))
+    other = ms.read(put(own.replace(b"written by metrosep", b"written by somebody"), "b.int"))
+
+    assert (back.dx, back.dy) == (1.5e-6, 2.5e-7)
+    assert (other.dx, other.dy) == (None, None)
+
+
 def test_same_surface_gives_the_same_bytes_in_records_of_80(bump):
     data = int_bytes(bump)
 

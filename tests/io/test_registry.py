@@ -261,7 +261,7 @@ def test_only_the_reader_that_the_first_bytes_call_for_is_loaded(repository, sam
 
     loaded = set(out.stdout.split())
     assert loaded & readers == {module}
-    assert len(loaded) <= 21
+    assert len(loaded) <= 22
 
 
 def test_every_reader_has_one_declaration():

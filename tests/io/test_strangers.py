@@ -216,6 +216,94 @@ def test_groups_with_a_unit_are_read_as_declared(put):
     assert ms.read(path, thousands=",", decimal=".").x[0] == pytest.approx(1.1, rel=0.0, abs=TIGHT)
 
 
+ONE_OF_TWO = {  # two marks or two units in one file: the cause is named, and no reading is given up
+    "a comma among points": (
+        "x_mm,z_um",
+        lambda k: f'{k},"0,6447"' if k == 1 else f"{k},0.5",
+        "'0,6447'",
+    ),
+    "a comma far down": (
+        "x_mm;z_um",
+        lambda k: f"{k};1,1009" if k == 7 else f"{k};0.5",
+        "'1,1009'",
+    ),
+    "a point among commas": (
+        "x_mm;z_um",
+        lambda k: f"{k - 5}.000;{k},5",
+        r"'0\.000'.*others of the file have ','",
+    ),
+    "nm among um": (
+        "x;z",
+        lambda k: f"{k}.5 mm;{'2 nm' if k == 3 else '0.5 um'}",
+        "'2 nm' in nm, but the rows above have um",
+    ),
+    "mm under um": (
+        "x_mm;z_um",
+        lambda k: f"{k}.5;{k}.5 mm",
+        r"'0\.5 mm' in mm, but its name says um",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ONE_OF_TWO)
+def test_two_marks_or_units_in_one_file_are_named_as_the_cause(put, case):
+    top, row, message = ONE_OF_TWO[case]
+
+    with pytest.raises(
+        (ms.errors.AmbiguousFormatError, ms.errors.UnitError), match=message
+    ) as got:
+        ms.read(put(table(top, lambda k, x, z: row(k))))
+    assert "skip_lines" not in str(got.value)
+    assert "missing=" not in str(got.value)
+
+
+def test_a_folder_or_a_file_with_our_result_is_called_that(tmp_path):
+    (tmp_path / "result.json").write_text('{"characteristics":[{"name":"PV"}]}')
+
+    for path in (tmp_path, tmp_path / "result.json"):
+        with pytest.raises(
+            ms.errors.ReadError, match=r"result that metrosep wrote.*'metrosep report'"
+        ):
+            ms.read(str(path))
+
+
+@pytest.mark.parametrize("name", ["T_degC", "T [degC]", "p_mbar", "ok"])
+def test_a_third_column_that_is_no_length_is_left_out_with_a_warning(put, name):
+    found = ms.read(put(table(f"x_mm,z_um,{name}", lambda k, x, z: f"{x},{z},{k % 2}")))
+
+    assert found.z.tolist() == [z * 1e-6 for z in Z]
+    assert f"column {name!r} is neither a position nor a height" in " ".join(
+        found.metadata["warnings"]
+    )
+
+
+LONG = 200_000
+LONG_FIELDS = {  # a file with too long a field or remark in a line, and which line is named
+    "a remark in quotes": (lambda k: '1,"' + "word " * (LONG // 5) + '"', 5),
+    "a remark behind the row": (lambda k: "1 # " + "word " * (LONG // 5), 5),
+    "a number in quotes": (lambda k: '"' + "1" * LONG + '"', 5),
+    "a number": (lambda k: "1" * LONG, 5),
+    "letters": (lambda k: "x" * LONG, 5),
+    "a quote that does not close": (lambda k: '"' + "x" * LONG, 5),
+    "a name in quotes": (f'x_mm,"z {"n" * LONG} um"', 1),
+    "a name": (f"x_mm,z{'n' * LONG}_um", 1),
+    "a title in quotes": ('"' + "r " * LONG + '"\nx_mm,z_um', 1),
+}
+
+
+@pytest.mark.parametrize("n", [3, 3000])  # the row within the sample, or far behind
+@pytest.mark.parametrize("case", LONG_FIELDS)
+def test_a_field_too_long_for_a_table_is_named_with_its_line_and_length(put, case, n):
+    odd, line = LONG_FIELDS[case]
+    x = [0.25 * k for k in range(n + 20)]
+    top, odd = (odd, None) if isinstance(odd, str) else ("x_mm,z_um", odd)
+    path = put(table(top, lambda k, x, z: f"{x},{odd(k) if odd and k == n else z}", x, x))
+
+    at = line if odd is None else n + 2
+    with pytest.raises(ms.errors.ReadError, match=rf"line {at} has [24]0\d{{4}} characters"):
+        ms.read(path)
+
+
 # x and z of a row between semicolons, and what the message quotes; None where another cell shows the mark
 GROUPS = {
     "points, both with a unit": (

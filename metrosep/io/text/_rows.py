@@ -26,6 +26,7 @@ from metrosep.core.text_options import TextOptions
 from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import (
     BEYOND,
+    LONGEST_FIELD,
     NO_COMMENT,
     NO_READING,
     NUMBER_LIKE,
@@ -33,6 +34,7 @@ from metrosep.io.text.dialect import (
     bare_unit,
     is_comment,
     n_used,
+    refuse_long,
 )
 from metrosep.io.text.quality import changes_row
 
@@ -418,6 +420,8 @@ class Body:
             if not line.strip(blanks):
                 self.ledger.count("blank", 1)
                 continue
+            if len(line) > LONGEST_FIELD and not is_comment(line, options.comment):
+                refuse_long(self._file.path, number, line)
             fields = dialect.split([line])[0]
             if is_comment(line, options.comment) and not (
                 (line.lstrip().startswith(dialect.separator) and len(fields) >= self._n)
@@ -658,11 +662,23 @@ class Body:
                 values[i] = grouped
                 self._groups.append((int(lines[i]), field.strip()))
             else:
+                self._refuse_other_mark(int(lines[i]), field.strip(), name)
                 raise bad_field(self._file, int(lines[i]), field.strip(), f"column {name!r}")
         if np.isinf(values).any():
             i = int(np.flatnonzero(np.isinf(values))[0])
             raise bad_field(self._file, int(lines[i]), fields[i], f"column {name!r}")
         return values
+
+    def _refuse_other_mark(self, line: int, field: str, name: str) -> None:
+        """Refuse a number with the decimal mark that the others of the file do not have, by that cause."""
+        dialect = self._layout.dialect
+        other = replace(dialect, decimal=dialect.other_mark, thousands="")
+        if other.plain(field) is not None:
+            raise AmbiguousFormatError(
+                f"{self._file.path}: line {line}: column {name!r} holds {field[:40]!r}, whose decimal mark is "
+                f"{other.decimal!r}, but others of the file have {dialect.decimal!r}, and a file has one: export "
+                "it with one decimal mark"
+            )
 
     def _grouped_number(self, field: str, column: Sequence[str]) -> float | None:
         """Return a number in groups of three digits: their mark can be no decimal mark in this file.

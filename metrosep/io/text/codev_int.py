@@ -42,6 +42,8 @@ _COMMENT = re.compile(rb"^[ \t]*!.*$", re.MULTILINE)
 _KINDS = {"SUR": "surface", "WFR": "wavefront", "FIL": "intensity filter"}
 _NUMBER_KEYS = ("WVL", "SSZ", "NDA")
 _MICROMETRE = 1e-6
+_OWN = "written by metrosep"
+"""How the first comment of our own files begins."""
 
 
 class _Header(NamedTuple):
@@ -81,7 +83,7 @@ def read(asked: Request) -> Surface:
     z = scaled(raw, scale, _missing(file, header, raw, warnings))
     return asked.surface(
         z,
-        (None, None),
+        _own_steps(header.comments),
         row_order="top row first",
         header={"title": header.title, "comments": header.comments, **header.keywords},
         warnings=warnings,
@@ -172,6 +174,16 @@ def _integers(file: RawFile, header: _Header, max_pixels: int | None) -> FloatAr
     return raw.reshape(rows, columns)
 
 
+def _own_steps(comments: list[str]) -> tuple[float | None, float | None]:
+    """Return dx and dy in m where metrosep wrote the file and states them; the format has none."""
+    number = r"(\d[\d.]*(?:e[+-]?\d+)?)"
+    stated = re.compile(rf"lateral steps dx = {number} m, dy = {number} m")
+    found = [m for c in comments if (m := stated.fullmatch(c))]
+    if len(found) != 1 or not comments[0].startswith(_OWN):
+        return None, None
+    return float(found[0][1]), float(found[0][2])
+
+
 def _missing(
     file: RawFile, header: _Header, raw: FloatArray, warnings: list[str]
 ) -> np.ndarray[Any, np.dtype[np.bool_]] | None:
@@ -234,7 +246,7 @@ def int_bytes(
     counts = np.where(np.isnan(raw), _MISSING, raw).astype(np.int64)[::-1]
     rows, columns = surface.shape
     lines = [
-        "! written by metrosep; top row first, heights point out of the material",
+        f"! {_OWN}; top row first, heights point out of the material",
         f"! height of count 0: {middle!r} m",
         f"! lateral steps dx = {surface.dx!r} m, dy = {surface.dy!r} m",
         f"{clean} (step {format_length(step, digits=6)})",

@@ -27,6 +27,7 @@ from metrosep.io.text.times import is_moment
 
 __all__ = [
     "BEYOND",
+    "LONGEST_FIELD",
     "MARKS",
     "MISSING",
     "NO_COMMENT",
@@ -38,6 +39,7 @@ __all__ = [
     "are_rows_like_comments",
     "bare_unit",
     "encoding_hint",
+    "fields_in_quotes",
     "find_column",
     "find_layout",
     "header_unit",
@@ -46,6 +48,7 @@ __all__ = [
     "is_other_unit",
     "n_used",
     "quantity",
+    "refuse_long",
     "split_header",
     "unmeasured_rows",
 ]
@@ -128,7 +131,7 @@ class Dialect:
         if self.quoted:
             # line by line: an odd quote must not swallow the lines after it
             return [
-                next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [""])
+                fields_in_quotes(line, self.separator) or [""]
                 if '"' in line
                 else line.split(self.separator)
                 for line in lines
@@ -161,6 +164,38 @@ class Dialect:
     def __str__(self) -> str:
         mark = "point" if self.decimal == "." else "comma"
         return f"separator {WORDS[self.separator]}, decimal {mark}"
+
+
+LONGEST_FIELD: Final = 131_072
+"""Characters of the longest field that a table may hold; csv reads no longer one either."""
+
+
+def fields_in_quotes(line: str, mark: str) -> list[str]:
+    """Return the fields of one line, whose quotes are dropped; whoever numbers lines refuses too long ones."""
+    try:
+        return next(csv.reader([line], delimiter=mark, skipinitialspace=True), [])
+    except csv.Error:
+        return line.split(mark)
+
+
+def refuse_long(path: object, number: int, line: str) -> None:
+    """Refuse a line with a field or a remark that is too long, or too many fields, for a table."""
+    if len(line) <= _MOST_COLUMNS:
+        return
+    remarks = re.findall(r"\s#\s*([^\W\d].*)", line)
+    fields = [*re.findall(r'"([^"]*)', line), *re.split(r'[,;\t| "]+', line), *remarks]
+    longest = max(map(len, fields))
+    most = max(map(line.count, ",;\t| ")) + 1
+    if longest > LONGEST_FIELD:
+        what = f"a field or a remark of {longest} characters, more than the {LONGEST_FIELD} that a table may hold"
+    elif most > _MOST_COLUMNS + 1:
+        what = f"{most} fields, more than {_MOST_COLUMNS}: not a table of columns"
+    else:
+        return
+    raise FormatMismatchError(
+        f"{path}: line {number} has {len(line)} characters with {what}; shorten it, or leave it out with "
+        f"skip_lines='{number}'"
+    )
 
 
 NO_COMMENT: Final = "\0"
@@ -294,7 +329,7 @@ def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
         order = [separator]  # what stands between them are the names, whatever else is in these
     for mark in order:
         if len(mark) == 1 and mark != " ":
-            fields = next(csv.reader([text], delimiter=mark, skipinitialspace=True), [])
+            fields = fields_in_quotes(text, mark)
         else:
             fields = re.split(patterns[mark], text)
         if mark == " " and '"' in text:

@@ -39,6 +39,7 @@ from metrosep.io.text.matrices import (
     matrix,
     shown_columns,
 )
+from metrosep.io.text.quality import is_truth
 from metrosep.io.text.table import (
     Column,
     ColumnSpec,
@@ -539,7 +540,7 @@ class _Made:
 def _without_surroundings(table: Table) -> Table:
     """Return the table without columns that cannot be a height, where names tell position and height.
 
-    Percent, temperatures and other quantities with their unit; a further length stays, and is asked for.
+    Percent, temperatures and other quantities with their unit, 0 and 1 under ``ok`` or ``outlier``; a further length stays, and is asked for.
     """
     roles = [role_of(c.name) for c in table.numbers]
     two = [
@@ -554,6 +555,8 @@ def _without_surroundings(table: Table) -> Table:
         if role_of(c.name) in ("temperature", "index")
         or (c.unit is not None and c.unit.dimension in ("number", "temperature"))
         or is_other_unit(re.split(r"[\[(]", c.name)[-1].rstrip(" )]"))
+        or (len(end := c.name.rpartition("_")[2]) > 1 and is_other_unit(end))  # T_degC, not x_1
+        or is_truth(c.name, c.values)
     ]
     if (
         len(two) != 2

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.io.text.dialect import BEYOND, bare_unit, is_other_unit
 
-__all__ = ["bad_rows", "changes_row", "says_bad", "truth_of_name"]
+__all__ = ["bad_rows", "changes_row", "is_truth", "says_bad", "truth_of_name"]
 
 _BAD_TEXT = """
 ng nok nio bad wrong error errors err fail failed failure fault faulty outlier outliers reject rejected
@@ -126,6 +126,15 @@ def truth_of_name(name: str) -> bool | None:
     return None if sign == 0 else sign > 0
 
 
+def is_truth(name: str, values: FloatArray | None) -> bool:
+    """Return whether a column of numbers holds only 0 and 1, and its name says which is a good row."""
+    return (
+        values is not None
+        and truth_of_name(name) is not None
+        and bool(np.isin(values, (0.0, 1.0)).all())
+    )
+
+
 def _sign(words: Sequence[str]) -> int:
     """Return -1 for words that call a row bad, 1 for good, 0 for neither; a not turns them round."""
     if len(words) > _FEW:
@@ -144,10 +153,9 @@ def bad_rows(
     """Return the rows that a column calls bad, and the field of the first."""
     means_good = truth_of_name(name)
     if labels is None:
-        whole = values if values is not None else np.empty(0)
-        if means_good is None or not np.isin(whole, (0.0, 1.0)).all():
+        if not is_truth(name, values):
             return np.empty(0, dtype=np.intp), ""
-        at = np.flatnonzero(whole == float(not means_good))
+        at = np.flatnonzero(values == float(not means_good))
         return at, f"{0 if means_good else 1}"
     kinds = {t: t.strip().strip('"').casefold() for t in set(labels)}
     used: Iterable[str] = {t for t in kinds.values() if t}

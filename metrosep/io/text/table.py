@@ -49,6 +49,7 @@ from metrosep.io.text.dialect import (
     find_layout,
     is_comment,
     quantity,
+    refuse_long,
     unmeasured_rows,
 )
 from metrosep.io.text.encoding import decode, encoding_of, plain_ends
@@ -205,10 +206,15 @@ def _with_quantities(
             continue
         values = np.full(len(texts), np.nan)
         for i, (text, own) in enumerate(zip(texts, found, strict=True)):
-            if text and (own is None or own[1] != unit or column.unit not in (None, unit)):
-                where = (
-                    f"column {column.name!r} of numbers with the unit {(column.unit or unit).name}"
+            wanted = column.unit or unit
+            if own is not None and own[1] != wanted:
+                where = "its name says" if column.unit else "the rows above have"
+                raise UnitError(
+                    f"{file.path}: line {int(lines[i])}: column {column.name!r} holds {text[:40]!r} in "
+                    f"{own[1].name}, but {where} {wanted.name}: a column has one unit; write all of it in one"
                 )
+            if text and own is None:
+                where = f"column {column.name!r} of numbers with the unit {wanted.name}"
                 raise bad_field(file, int(lines[i]), text, where)
             values[i] = np.nan if own is None or own[0] in markers else own[0]
         made[k] = Column(column.name, unit, values)
@@ -574,6 +580,7 @@ class TableHead:
                 others.append((number, line, "comment"))
             else:
                 first = number
+                refuse_long(file.path, number, line)
                 if not content and _RUN.match(line):
                     above = (t.lstrip('# "') for _, t, k in others if k == "comment")
                     self.has_own_runs = any(map(is_marked, above))
