@@ -12,6 +12,7 @@ may be a key instead (``at = { Y = "0 mm" }``).
 
 from __future__ import annotations
 
+import difflib
 import os
 import re
 import tomllib
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, FormatMismatchError, MetrosepError
+from metrosep.core.errors import DataError, FormatMismatchError, MetrosepError, OptionError
 from metrosep.core.numbers import choice, is_real, quantity
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.table import Table, pick, read_table, to_si
@@ -53,6 +54,20 @@ _OWN = {
     "nest": ("ball", "senses", "frame"),
     "length": ("station", "dead_path"),
 }
+_USUAL = {
+    "laser": "displacement (linear or straightness optics), angle (angular optics) or length (from a station)",
+    "interferometer": "displacement (linear or straightness optics), angle (angular optics) or length",
+    "straightness": "displacement, with the direction that is sensed", "squareness": "displacement, twice",
+    "dial": "displacement, with the direction of its plunger",
+    "indicator": "displacement, with the direction of its plunger",
+    "dial indicator": "displacement, with the direction of its plunger",
+    "probe": "displacement, with the direction that is sensed", "capacitive probe": "displacement",
+    "level": "angle, with the axis about which it tilts", "spirit level": "angle, with the axis about which it tilts",
+    "autocollimator": "angle, with the axis about which it tilts",
+    "double ballbar": "ballbar", "double ball bar": "ballbar", "ball bar": "ballbar", "dbb": "ballbar",
+    "r-test": "nest", "sensor nest": "nest", "tracker": "length", "laser tracker": "length",
+}  # fmt: skip
+"""What an instrument is called in the shop, and what it is here by what it reads."""
 _AXES = {f"{s}{a}": (0.0,) * i + ((-1.0 if s == "-" else 1.0),) + (0.0,) * (2 - i)
          for i, a in enumerate("XYZ") for s in ("", "+", "-")}  # fmt: skip
 
@@ -88,7 +103,7 @@ def read_reading_set(
     setup = _setup(file)
     table = read_table(file)
     try:
-        kind = choice(setup.get("instrument"), "instrument", _KINDS)
+        kind = _kind(setup.get("instrument"))
         known = (*_COMMON, *_OWN[kind])
         for key in setup:
             choice(key, f"key of a {kind}", known)
@@ -113,6 +128,19 @@ def read_reading_set(
         raise
     except MetrosepError as error:
         raise type(error)(f"{file.path}: {error}") from None
+
+
+def _kind(named: Any) -> str:
+    """Return the kind of instrument of a set-up; the name of the shop is answered with ours."""
+    if named not in _KINDS and isinstance(named, str):
+        usual = " ".join(named.lower().replace("_", " ").replace("-", " ").split())
+        said = {k.replace("-", " "): v for k, v in _USUAL.items()}.get(usual)
+        near = said or next(iter(difflib.get_close_matches(usual, _KINDS, n=1)), None)
+        if near:
+            raise OptionError(
+                f"instrument is one of {', '.join(_KINDS)}, got {named!r}; did you mean {near}?"
+            )
+    return choice(named, "instrument", _KINDS)
 
 
 def _setup(file: RawFile) -> dict[str, Any]:

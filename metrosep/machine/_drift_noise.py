@@ -23,6 +23,8 @@ from metrosep.core._arrays import FloatArray
 _WHITE = (0.0, 10.0)
 _GRID_A = (0.5, 1.5, 4.0, 10.0)
 _GRID_TAU = (10.0, 30.0, 90.0)
+_ALL_A = tuple(np.geomspace(0.1, 60.0, 9).tolist())
+_ALL_TAU = tuple(np.geomspace(2.0, 2000.0, 9).tolist())
 _FEWEST = 30
 """Readings of a set below which its correlation cannot be judged."""
 _WORTH = 3.0
@@ -110,6 +112,25 @@ class Gls:
             for v, limit in zip(polished.x, _LIMITS, strict=True)
         )
         return self._fit(self._at(a, tau), a, tau)
+
+    def spread(self, beta: FloatArray) -> FloatArray:
+        """Return the covariance about an estimate, over all drifts by their restricted likelihood.
+
+        A record holds few lengths of its drift, so (a, tau) are hardly known: the covariance at the
+        best of them is too small. White noise and drift are alike likely before, and so are all a
+        and tau on a logarithmic scale.
+        """
+        drifts = [(a, tau) for a in _ALL_A for tau in _ALL_TAU]
+        at = [self._at(*_WHITE), *(self._at(*d) for d in drifts)]
+        prior = np.full(len(at), 0.5 / len(drifts))
+        prior[0] = 0.5
+        value = np.array([v[0] for v in at])
+        weight = prior * np.exp(-0.5 * (value - value.min()))
+        weight /= weight.sum()
+        cov = np.zeros((beta.size, beta.size))
+        for w, (_, b, own, _) in zip(weight, at, strict=True):
+            cov += w * (own + np.outer(b - beta, b - beta))
+        return cov
 
     def _fit(
         self, at: tuple[float, FloatArray, FloatArray, FloatArray], a: float, tau: float

@@ -243,8 +243,10 @@ def axis_positions(
             return found_lathe
     raise DataError(
         f"how chain {chain.name!r} reaches a point of the part is not known (it is neither a lathe "
-        "with X and Z nor three linear axes); give positions, a function of x, y, z that returns "
-        "the position of each axis by name"
+        "with X and Z nor three linear axes). A recipe or the command line cannot say it: with the rotary "
+        "axes locked take the machine of the slides that cut (mill_xyz), for a part that was turned the "
+        "lathe of its axes (sts_lathe); in Python give positions, a function of x, y, z that returns the "
+        "position of each axis by name"
     )
 
 

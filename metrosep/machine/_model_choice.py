@@ -2,7 +2,8 @@
 
 A degree is raised where the readings, with the drift that each model leaves, are likelier by more than
 the new coefficients cost (BIC): what a curve of too low an order misses looks like drift otherwise.
-Waves shorter than a third of the way are looked for in what is left, by a score test under its noise.
+Waves shorter than a third of the way, and jumps, are looked for in what is left, by a score test under
+its noise.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ _FOLLOWS, _FACTOR = 0.7, 3.0
 """Share of the readings of a set that others foretell but for a factor, and a factor that is none of noise."""
 _SHOWN = 5.0
 """Standard deviations by which other sets must show what they foretell."""
+_ROUNDING = 1e-9
 _DRAWN = 0.5
 """Share of the readings, repeats at one place counted once, that coefficients may take."""
 
@@ -118,8 +120,8 @@ def _cost(system: System, fit: Fit, floors: FloatArray) -> float:
     return float(total)
 
 
-def waves_left(problem: Problem, system: System, fit: Fit) -> list[str]:
-    """Return a sentence for each set whose residuals repeat with the place of an axis, beyond chance."""
+def shapes_left(problem: Problem, system: System, fit: Fit) -> list[str]:
+    """Return a sentence for each set whose residuals repeat, or jump, with the place of an axis."""
     rest = system.y - ((system.X / system.sizes) @ system.V) @ fit.beta
     found: dict[str, tuple[float, str]] = {}
     tried, kinds = 0, problem.chain.dimensions
@@ -160,6 +162,24 @@ def waves_left(problem: Problem, system: System, fit: Fit) -> list[str]:
                     f"{label}: what the curves leave repeats every {every} of {axis}, amplitude {amount}; "
                     "no order that was fitted follows it, and u does not contain it: give a degree of "
                     f"{axis} that follows it{', or a term that was not asked for' if rest_of[axis] else ''}"
+                )
+                found[label] = (float(stat[k]), text)
+            own = np.unique(np.round(x, 9))
+            # two places on either side at least: one that stands out alone is no jump
+            edges = 0.5 * (own[1:-2] + own[2:-1])
+            tried += edges.size
+            stat, size = _jumps(x[:, None] > edges, rest[stream.rows], system, stream, fit)
+            k = int(np.argmax(stat))
+            if stat[k] > found.get(label, (0.0, ""))[0]:
+                unit = "rad" if kinds[axis] == "angle" else "m"
+                ends = " and ".join(format_engineering(float(v), unit) for v in own[k + 1 : k + 3])
+                amount = format_engineering(
+                    float(size[k]), "rad" if reading.instrument.is_angle else "m"
+                )
+                text = (
+                    f"{label}: what the curves leave jumps by {amount} between {axis} = {ends}; no order "
+                    "follows a jump, and u does not contain it: look for a joint, a grid error of the scale "
+                    "or a loose guide there, and calibrate the travel on each side by itself"
                 )
                 found[label] = (float(stat[k]), text)
     return [text for stat, text in found.values() if math.exp(-0.5 * stat) * tried < _CHANCE]
@@ -207,6 +227,63 @@ def factors_of_sets(problem: Problem, system: System, fit: Fit) -> list[str]:
                 f"them; check its {'senses or direction' if factor < 0.0 else 'unit'}"
             )
     return said
+
+
+def sets_that_add_nothing(problem: Problem, system: System) -> list[str]:
+    """Return a sentence for each set whose own unknowns take all of it, or which stands at one pose."""
+    said, begin = [], 0
+    for k, end in enumerate(system.ends):
+        X, begin, label = system.X[begin:end], end, problem.labels[k]
+        taken = [np.arange(at.start, at.stop) for at in problem.unknown_at[k].values()]
+        A = X[:, : problem.n_terms] / system.sizes[: problem.n_terms]
+        if taken:
+            own = np.concatenate(taken)
+            U, singular, _ = np.linalg.svd(X[:, own] / system.sizes[own], full_matrices=False)
+            U = U[:, singular > _ROUNDING * singular.max(initial=0.0)]
+            A = A - U @ (U.T @ A)
+        n = np.asarray(problem.sets[k].values).shape[0]
+        places = [
+            np.broadcast_to(np.ravel(np.asarray(v)), (n,)) for v in problem.sets[k].q.values()
+        ]
+        alone = all(float(np.ptp(v)) <= 1e-9 for v in places)
+        where = "its only pose" if n == 1 else f"all its {n} readings at one pose"
+        if float(np.linalg.norm(A)) <= _ROUNDING * float(np.linalg.norm(X / system.sizes)):
+            names = " and ".join(problem.sets[k].unknown) or "nothing"
+            said.append(
+                f"{label}: it adds nothing, its own unknown {names} takes "
+                + (where if alone else "all its readings")
+                + "; read it at further poses, or state its set-up"
+            )
+        elif alone:
+            said.append(
+                f"{label}: {where}: no error motion shows by itself there, and nothing checks the reading; "
+                "read it at further poses"
+            )
+    return said
+
+
+def _jumps(
+    steps: Any, rest: FloatArray, system: System, stream: Any, fit: Fit
+) -> tuple[FloatArray, FloatArray]:
+    """Return of each step the statistic (chi-square of 1), and its height, beside the model."""
+    if not steps.shape[1]:
+        return np.zeros(1), np.zeros(1)
+    columns = steps.astype(np.float64)
+    Z = ((system.X / system.sizes) @ system.V)[stream.rows]
+    both = np.column_stack([Z, columns, rest])
+    solved = inverse_times(both, stream.index, fit.a, fit.tau)[0] / fit.scales[stream.which] ** 2
+    m = Z.shape[1]
+    N = Z.T @ solved[:, :m]
+    across = Z.T @ solved[:, m:-1]
+    # the model bends towards the step: what it leaves of the step is what the residuals show
+    left = np.sum(columns * solved[:, m:-1], axis=0)
+    own = left - np.sum(across * (np.linalg.pinv(N, hermitian=True) @ across), axis=0)
+    score = columns.T @ solved[:, -1] - across.T @ (
+        np.linalg.pinv(N, hermitian=True) @ (Z.T @ solved[:, -1])
+    )
+    good = own > 1e-3 * left
+    own = np.where(good, own, 1.0)
+    return np.where(good, score**2 / own, 0.0), np.where(good, score / own, 0.0)
 
 
 def _scores(turns: FloatArray, rest: FloatArray, stream: Any, fit: Fit) -> tuple[Any, Any]:

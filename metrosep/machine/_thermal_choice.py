@@ -28,6 +28,7 @@ _WINDOW, _STANDS_OUT = (
     7,
     10.0,
 )  # samples; by how many times the noise, and the spread about it, a spike does
+_TURNS = 3  # of drift and lags in turn: the third moves a lag by less than a tenth of its u
 _UNSETTLED = 4.0  # standard deviations of what the first minutes hold of an earlier history
 
 
@@ -44,6 +45,40 @@ def lagged(t: FloatArray, temperature: FloatArray, lag: float) -> FloatArray:
     for factor, more in zip(decay.tolist(), added.tolist(), strict=True):
         x.append(x[-1] * factor + more)
     return np.array(x)
+
+
+def _smoothed(t: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the smoothest history within the noise of a sensor: RMS change is that noise.
+
+    Least ``sum (z - T)^2 + w sum (D2 z)^2``, the largest w that allows it (Whittaker; Morozov's rule).
+    Where drift makes the fit look at changes only, noise from sample to sample would hide the gain.
+    """
+    from scipy.linalg import solveh_banded
+
+    noise = noise_of(values)
+    if noise <= _ROUNDING * float(np.abs(values).max()) or values.size < 5:
+        return values
+    h = np.diff(t) / float(np.median(np.diff(t)))
+    left, right = 1.0 / h[:-1], 1.0 / h[1:]
+    rows = np.stack([left, -left - right, right])  # of the second difference, three samples each
+    band = np.zeros((3, values.size))
+    for i in range(3):
+        for j in range(i, 3):
+            at = slice(i, values.size - 2 + i)
+            band[j - i, at] += rows[i] * rows[j]
+    rest = values - values.mean()
+
+    def smooth(log: float) -> FloatArray:
+        whole = math.exp(log) * band
+        whole[0] += 1.0
+        return np.asarray(solveh_banded(whole, rest, lower=True))
+
+    low, high = -10.0, 25.0  # of the logarithm of w: nothing smoothed, and a straight line
+    for _ in range(25):
+        middle = 0.5 * (low + high)
+        near = float(np.sqrt(np.mean((smooth(middle) - rest) ** 2))) <= noise
+        low, high = (middle, high) if near else (low, middle)
+    return np.asarray(smooth(low) + values.mean())
 
 
 def by_log_lag(t: FloatArray, temperature: FloatArray, lag: float) -> FloatArray:
@@ -187,13 +222,14 @@ class Inputs:
         still = [n for n, v in record.temperatures.items() if np.ptp(v[record.known]) <= 0.0]
         record.messages += [f"{name} did not change and takes no part" for name in still]
         self.sensors = [n for n in record.temperatures if n not in still]
+        self.smooth = {n: _smoothed(record.t, record.temperatures[n]) for n in self.sensors}
         if not self.sensors:
             raise DataError("no temperature changed: nothing can be learnt of what it does")
 
     def __getitem__(self, key: tuple[str, float]) -> FloatArray:
         if key not in self._made:
             sensor, lag = key
-            self._made[key] = lagged(self.record.t, self.record.temperatures[sensor], lag)
+            self._made[key] = lagged(self.record.t, self.smooth[sensor], lag)
         return self._made[key]
 
 
@@ -300,36 +336,24 @@ class Reading:
         return polished if self._score(polished) < self._score(grid) else grid
 
     def settled(self) -> Settled:
-        """Return the fit of the chosen sensors with refined lags."""
-        record = self.record
-        keys = self.chosen
-        sensors = tuple(k[0] for k in keys)
-        index = (record.t - record.t[0]) / float(np.median(np.diff(record.t)))
-        stream = Stream(np.arange(self.y.size), index[self.used], 0)
-        lags = np.array([k[1] for k in keys])
-        fit = Gls(self._design(sensors, lags), self.y, [stream], [None]).best()
-        if np.any(lags > 0.0):
-            lags = self._refined(sensors, lags, fit, stream)
-            fit = Gls(self._design(sensors, lags), self.y, [stream], [None]).best()
-        k = len(sensors)
-        X = self._design(sensors, lags)
-        beta = fit.beta
-        # the uncertainty of a lag is one of the error
-        turned = [i for i in range(k) if lags[i] > 0.0]
-        more = np.zeros((self.y.size, 0))
-        if turned:
-            columns = [
-                beta[1 + i] * by_log_lag(record.t, record.temperatures[sensors[i]], lags[i])
-                for i in turned
-            ]
-            more = np.column_stack(columns)[self.used]
-        wide = np.column_stack([X, more])
-        cov = _covariance(wide, stream, fit)
-        s = float(fit.scales[0])
-        expected = s**2 * (1.0 + fit.a**2)
-        ratio, predicted = self._foretold(wide, X, stream, fit, expected)
-        messages = []
-        if not sensors:
+        """Return the fit of the chosen sensors with refined lags; those that show nothing are left out."""
+        keys, messages = list(self.chosen), []
+        trials = max(len(self.inputs.sensors) * len(self.inputs.lags), 1)
+        while True:
+            model = self._fitted(keys)
+            z = model.significance()
+            if not z.size or float(z.min()) >= _surprise(trials):
+                break
+            i = int(np.argmin(z))
+            messages.append(
+                f"{keys[i][0]} takes no part: its gain is {z[i]:.2g} u, and of {trials} trials (sensors "
+                f"times time constants) one reaches {_surprise(trials):.2g} u by chance in 20 records"
+            )
+            keys.pop(i)
+        record, fit = self.record, model.fit
+        cov, s = model.covariance(), float(fit.scales[0])
+        ratio, predicted = self._foretold(model)
+        if not keys:
             messages.append("no temperature foretells it better than its mean does")
         if ratio > 1.0:
             cov, s = cov * ratio, s * math.sqrt(ratio)
@@ -337,37 +361,95 @@ class Reading:
                 f"left-out blocks are foretold {math.sqrt(ratio):.2g} times worse than u said; it is "
                 "raised by that"
             )
-        if turned and self._unsettled(wide, stream, fit, float(lags[turned].min())):
+        if model.turned and self._unsettled(model):
             messages.append(
                 "the beginning holds an earlier history: the machine had not settled; begin the record "
                 "after a rest, or leave its first hours out"
             )
         if not fit.judged:
             messages.append("too few readings to judge drift: u is that of independent readings")
+        k = len(keys)
+        kept = slice(1, 1 + k + len(model.turned))
         residual = np.full(record.t.size, np.nan)
-        residual[self.used] = self.y - X @ beta
+        residual[self.used] = self.y - model.X @ model.beta
         return Settled(
-            sensors,
-            tuple(lags.tolist()),
-            beta[1:],
-            cov[1:, 1:],
+            tuple(key[0] for key in keys),
+            tuple(model.lags.tolist()),
+            model.beta[1:],
+            cov[kept, kept],
             s * fit.a,
             predicted,
             residual,
             tuple(messages),
         )
 
+    def _fitted(self, keys: Sequence[tuple[str, float]]) -> _Model:
+        """Return the model of these sensors: drift, lags and gains in turn, until they agree."""
+        record = self.record
+        sensors = tuple(k[0] for k in keys)
+        lags = np.array([k[1] for k in keys])
+        index = (record.t - record.t[0]) / float(np.median(np.diff(record.t)))
+        stream = Stream(np.arange(self.y.size), index[self.used], 0)
+        X = self._design(sensors, lags)
+        fit = Gls(X, self.y, [stream], [None]).best()
+        model = _Model(self.y, X, np.zeros((self.y.size, 0)), np.zeros((self.y.size, 0)), (), lags, fit, fit.beta, stream)  # fmt: skip
+        for _ in range(_TURNS if np.any(lags > 0.0) else 1):
+            if np.any(lags > 0.0):
+                lags = self._refined(sensors, lags, model)
+            model = self._around(sensors, lags, model)
+        return model
+
+    def _around(self, sensors: Sequence[str], lags: FloatArray, last: _Model) -> _Model:
+        """Return the model at these lags: their uncertainty and that of the start are of the fit."""
+        X = self._design(sensors, lags)
+        starts, turned = (
+            self._starts(sensors, lags, last.beta),
+            tuple(np.flatnonzero(lags > 0.0).tolist()),
+        )
+        # what a lag and a start have taken up of the readings is not noise: the likelihood counts them
+        more = self._turns(sensors, lags, last.beta)
+        s, m = float(last.fit.scales[0]) * math.hypot(1.0, last.fit.a), starts.shape[1]
+        known = np.zeros((m, X.shape[1] + more.shape[1] + m))
+        known[:, X.shape[1] + more.shape[1] :] = s * np.eye(m)  # start = 0 +- 1, in its own units
+        n = self.y.size
+        streams = [last.stream, *(Stream(np.array([n + i]), np.zeros(1), 0) for i in range(m))]
+        wide = np.vstack([np.column_stack([X, more, starts]), known])
+        problem = Gls(wide, np.concatenate([self.y, np.zeros(m)]), streams, [None])
+        fit = problem.best()
+        model = _Model(self.y, X, more, starts, turned, lags, fit, last.beta, last.stream)
+        beta, k = model.solved(), X.shape[1]
+        at = np.concatenate([beta[:k], np.zeros(more.shape[1]), beta[k:]])
+        spread = problem.spread(at) if fit.judged else None
+        return _Model(self.y, X, more, starts, turned, lags, fit, beta[:k], last.stream, spread)
+
+    def _turns(self, sensors: Sequence[str], lags: FloatArray, beta: FloatArray) -> FloatArray:
+        """Return the derivatives of the reading by the logarithms of its lags."""
+        t, T = self.record.t, self.inputs.smooth
+        columns = [
+            beta[1 + i] * by_log_lag(t, T[sensors[i]], float(lags[i]))[self.used]
+            for i in np.flatnonzero(lags > 0.0).tolist()
+        ]
+        return np.column_stack(columns) if columns else np.zeros((self.y.size, 0))
+
+    def _starts(self, sensors: Sequence[str], lags: FloatArray, beta: FloatArray) -> FloatArray:
+        """Return what one standard deviation does to the reading, of what a lagged sensor leaves starts.: its start."""
+        t = self.record.t - self.record.t[0]
+        columns = []
+        for i in np.flatnonzero(lags > 0.0).tolist():
+            T, lag = self.record.temperatures[sensors[i]], float(lags[i])
+            columns.append(beta[1 + i] * noise_of(T) * np.exp(-t / lag))
+        columns = [c[self.used] for c in columns if np.any(c)]
+        return np.column_stack(columns) if columns else np.zeros((self.y.size, 0))
+
     def _design(self, sensors: Sequence[str], lags: FloatArray) -> FloatArray:
         record = self.record
         columns = [np.ones(record.t.size)]
         for sensor, lag in zip(sensors, lags, strict=True):
-            x = lagged(record.t, record.temperatures[sensor], float(lag))
+            x = lagged(record.t, self.inputs.smooth[sensor], float(lag))
             columns.append(x - x[self.used].mean())
         return np.column_stack(columns)[self.used]
 
-    def _refined(
-        self, sensors: Sequence[str], lags: FloatArray, fit: Fit, stream: Stream
-    ) -> FloatArray:
+    def _refined(self, sensors: Sequence[str], lags: FloatArray, last: _Model) -> FloatArray:
         """Return the lags of smallest weighted residual, by the noise that was found."""
         from scipy.optimize import minimize
 
@@ -380,12 +462,12 @@ class Reading:
             return new
 
         def left(logs: FloatArray) -> float:
-            X = self._design(sensors, with_lags(logs))
-            both = np.column_stack([X, self.y])
-            solved, _ = inverse_times(both, stream.index, fit.a, max(fit.tau, 1e-9))
-            N = both.T @ solved
-            beta = np.linalg.lstsq(N[:-1, :-1], N[:-1, -1], rcond=None)[0]
-            return float(N[-1, -1] - beta @ N[:-1, -1])
+            new = with_lags(logs)
+            starts = self._starts(sensors, new, last.beta)
+            N, g, yy = last.normal(
+                np.column_stack([self._design(sensors, new), starts]), starts.shape[1]
+            )
+            return yy - float(np.linalg.lstsq(N, g, rcond=None)[0] @ g)
 
         start = np.log(lags[free])
         whole = max(left(start), 1e-300)
@@ -397,7 +479,7 @@ class Reading:
             share,
             start,
             method="Nelder-Mead",
-            options={"xatol": 1e-3, "fatol": 1e-6, "maxfev": 80 * int(free.size)},
+            options={"xatol": 1e-5, "fatol": 1e-9, "maxfev": 80 * int(free.size)},
         )
         return with_lags(found.x)
 
@@ -405,43 +487,107 @@ class Reading:
         span = float(np.ptp(self.record.t))
         return 0.5 * float(np.median(np.diff(self.record.t))), span
 
-    def _foretold(
-        self, wide: FloatArray, X: FloatArray, stream: Stream, fit: Fit, expected: float
-    ) -> tuple[float, float]:
+    def _foretold(self, model: _Model) -> tuple[float, float]:
         """Return squared prediction errors of left-out blocks over what u says, and their RMS."""
-        block = self.record.block[self.used]
+        block, fit = self.record.block[self.used], model.fit
+        wide, m = model.wide, model.starts.shape[1]
+        P = np.column_stack([model.X, model.starts])
+        s = float(fit.scales[0])
+        expected = s**2 * (1.0 + fit.a**2)
         squares = variances = 0.0
         for b in range(self.record.blocks):
             inside, others = block == b, block != b
-            part = Stream(np.arange(int(others.sum())), stream.index[others], 0)
-            solved, _ = inverse_times(
-                np.column_stack([wide[others], self.y[others]]), part.index, fit.a, fit.tau
-            )
-            N = X[others].T @ solved
-            k = X.shape[1]
-            beta = np.linalg.lstsq(N[:, :k], N[:, -1], rcond=None)[0]
-            cov = np.linalg.pinv(wide[others].T @ solved[:, :-1]) * float(fit.scales[0]) ** 2
-            squares += float(np.sum((self.y[inside] - X[inside] @ beta) ** 2))
+            N, g, _ = model.normal(P, m, others)
+            beta = np.linalg.lstsq(N, g, rcond=None)[0]
+            cov = _inverse(model.normal(wide, m, others)[0]) * s**2
+            squares += float(np.sum((self.y[inside] - P[inside] @ beta) ** 2))
             variances += float(np.einsum("ni,ij,nj->", wide[inside], cov, wide[inside]))
             variances += expected * float(inside.sum())
         return squares / max(variances, 1e-300), math.sqrt(squares / self.y.size)
 
-    def _unsettled(self, wide: FloatArray, stream: Stream, fit: Fit, lag: float) -> bool:
+    def _unsettled(self, model: _Model) -> bool:
         """Return whether a decay from the beginning on is in the residuals."""
         t = self.record.t[self.used]
-        more = np.column_stack([wide, np.exp(-(t - t[0]) / lag)])
-        solved, _ = inverse_times(
-            np.column_stack([more, self.y]), stream.index, fit.a, max(fit.tau, 1e-9)
-        )
-        N = more.T @ solved
-        inverse = np.linalg.pinv(N[:, :-1])
-        height = float(inverse[-1] @ N[:, -1])
-        u = math.sqrt(max(float(inverse[-1, -1]), 1e-300)) * float(fit.scales[0])
-        return abs(height) > _UNSETTLED * u
+        lag = float(model.lags[list(model.turned)].min())
+        decay = np.exp(-(t - t[0]) / lag)[:, None]
+        N, g, _ = model.normal(np.column_stack([decay, model.wide]), model.starts.shape[1])
+        inverse = _inverse(N)
+        u = math.sqrt(max(float(inverse[0, 0]), 1e-300)) * float(model.fit.scales[0])
+        return abs(float(inverse[0] @ g)) > _UNSETTLED * u
 
 
-def _covariance(X: FloatArray, stream: Stream, fit: Fit) -> FloatArray:
-    solved, _ = inverse_times(X, stream.index, fit.a, max(fit.tau, 1e-9))
-    size = np.maximum(np.sqrt(np.einsum("ij,ij->j", X, solved)), 1e-300)
-    inverse = np.linalg.pinv((X.T @ solved) / np.outer(size, size), hermitian=True)
-    return np.asarray(inverse / np.outer(size, size) * float(fit.scales[0]) ** 2)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Model:
+    """One reading at given lags: design, derivatives by the logarithms of the lags, starts, noise."""
+
+    y: FloatArray
+    X: FloatArray
+    more: FloatArray
+    starts: FloatArray
+    turned: tuple[int, ...]
+    lags: FloatArray
+    fit: Fit
+    beta: FloatArray
+    stream: Stream
+    spread: FloatArray | None = None  # joint covariance over the drifts that the readings allow
+
+    @property
+    def wide(self) -> FloatArray:
+        return np.column_stack([self.X, self.more, self.starts])
+
+    def normal(
+        self, P: FloatArray, starts: int, rows: NDArray[np.bool_] | None = None
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """Return ``P^T V^-1 P``, ``P^T V^-1 y`` and ``y^T V^-1 y``; the last columns are known 0 +- 1."""
+        both, index = np.column_stack([P, self.y]), self.stream.index
+        if rows is not None:
+            both, index = both[rows], index[rows]
+        solved, _ = inverse_times(both, index, self.fit.a, max(self.fit.tau, 1e-9))
+        N = both.T @ solved
+        end = P.shape[1]
+        known = np.arange(end - starts, end)
+        N[known, known] += float(self.fit.scales[0]) ** 2
+        return N[:-1, :-1], N[:-1, -1], float(N[-1, -1])
+
+    def solved(self) -> FloatArray:
+        """Return offset, gains and starts at these lags."""
+        P = np.column_stack([self.X, self.starts])
+        N, g, _ = self.normal(P, self.starts.shape[1])
+        return np.asarray(np.linalg.lstsq(N, g, rcond=None)[0])
+
+    def covariance(self) -> FloatArray:
+        """Return the covariance of offset, gains, logarithms of lags, and starts, jointly."""
+        if self.spread is not None:
+            return self.spread
+        N, _, _ = self.normal(self.wide, self.starts.shape[1])
+        return _inverse(N) * float(self.fit.scales[0]) ** 2
+
+    def significance(self) -> FloatArray:
+        """Return gains over their standard uncertainty, that of lags and drift included."""
+        k = self.X.shape[1]
+        u = np.sqrt(np.maximum(np.diag(self.covariance())[1:k], 0.0))
+        return np.asarray(np.abs(self.beta[1:]) / np.maximum(u, 1e-300))
+
+
+def _inverse(N: FloatArray) -> FloatArray:
+    size = np.maximum(np.sqrt(np.diag(N)), 1e-300)
+    unit = np.outer(size, size)
+    return np.asarray(np.linalg.pinv(N / unit, hermitian=True) / unit)
+
+
+def _surprise(trials: int) -> float:
+    """Return the standard deviations that one of so many trials exceeds in 5 % of records (Bonferroni)."""
+    from scipy.special import ndtri
+
+    return float(-ndtri(0.025 / trials))
+
+
+def noise_of(values: FloatArray) -> float:
+    """Return the noise from one sample to the next: median of second differences, or a display's digit."""
+    second = np.abs(np.diff(values, 2))
+    noise = 1.4826 * float(np.median(second)) / math.sqrt(6.0) if second.size else 0.0
+    steps = np.abs(np.diff(values))
+    if float(np.mean(steps == 0.0)) < 0.1:
+        return noise
+    finest = float(steps[steps > _ROUNDING * np.abs(values).max()].min(initial=np.inf))
+    return max(noise, finest / math.sqrt(12.0)) if math.isfinite(finest) else noise

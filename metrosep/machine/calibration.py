@@ -25,7 +25,12 @@ from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_engineering, format_length
 from metrosep.machine._bases import Basis, CurveTerm, UnseenTerm, null_sentences
 from metrosep.machine._drift_noise import Fit
-from metrosep.machine._model_choice import factors_of_sets, raised_degrees, waves_left
+from metrosep.machine._model_choice import (
+    factors_of_sets,
+    raised_degrees,
+    sets_that_add_nothing,
+    shapes_left,
+)
 from metrosep.machine._reading_problem import (
     LARGEST,
     NULL,
@@ -384,7 +389,8 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         f"higher degree ({axis}={order}), u does not contain what is missing"
         for axis, order in found.lacking.items()
     ]
-    messages += waves_left(problem, system, fit)
+    messages += sets_that_add_nothing(problem, system)
+    messages += shapes_left(problem, system, fit)
     messages += factors_of_sets(problem, system, fit)
     messages += repeated_rows(sets, problem.labels, fit.scales)
     messages += _louder(sets, problem.labels, noise)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from itertools import product
+from itertools import pairwise, product
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -48,6 +48,8 @@ _ABOVE = (0.003, 0.01, 0.03)
 _JOINED: tuple[Interpolation, ...] = ("linear", "spline")
 _LOOSEST = 1e-3
 """m: a tolerance above is one in um or nm."""
+_FAR = 1.5
+"""Times the most points: where that many would be needed the search is given up early."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,7 +230,8 @@ def points_for_tolerance(
         return made
 
     tried: dict[int, float] = {}
-    low, high = _bracket(error, tolerance, fewest, most)
+    order = 2.0 if interpolation == "linear" else 4.0
+    low, high = _bracket(error, tolerance, fewest, most, order)
     while True:
         while high - low > max(1.0, resolution * high):
             middle = (low + high) // 2
@@ -336,11 +339,12 @@ def _fewest(radius: float, feed: float, distribution: str, core: object) -> int:
 
 
 def _bracket(
-    error: Callable[[int], float], tolerance: float, fewest: int, most: int
+    error: Callable[[int], float], tolerance: float, fewest: int, most: int, order: float
 ) -> tuple[int, int]:
     """Return a count that fails and a larger one that holds, as do the next ones tried."""
     n, failed, held = fewest, 0, 0
     first = 0
+    last = [0.0] * _IN_A_ROW
     while n <= most or held:
         if error(n) <= tolerance:
             first = first if held else n
@@ -349,6 +353,17 @@ def _bracket(
                 return failed or first, first
         else:
             failed, held = n, 0
+            last = [*last[1:], error(n)]
+            # a resolved path: errors fall with their order at most, and no count in reach will do
+            least, most_of = (_GROWTH ** (k * order) for k in (0.5, 1.5))
+            falls = all(0.0 < b * least <= a <= b * most_of for a, b in pairwise(last))
+            needed = n * (last[-1] / tolerance) ** (1.0 / order)
+            if falls and needed > _FAR * most:
+                raise LimitError(
+                    f"{tolerance:.6g} m P-V would take about {needed:.2g} points, and at most {most} are "
+                    f"allowed: {n} points leave {last[-1]:.6g} m; take a larger tolerance"
+                    + (", or interpolation = spline" if order < 4.0 else "")
+                )
         n = math.ceil(n * _GROWTH)
     raise LimitError(
         f"no count of points up to {most} holds {tolerance:.6g} m P-V; {failed} points leave "

@@ -137,6 +137,11 @@ def test_untidy_files_of_readings_are_read(call, folder, truth, tmp_path):
     [
         (lambda t: t.replace('# instrument = "nest"\n', ""), "no instrument is named"),
         (lambda t: t.replace('"nest"', '"nets"'), "nest"),
+        (lambda t: t.replace('"nest"', '"laser"'), "did you mean displacement (linear or straightness optics)"),
+        (lambda t: t.replace('"nest"', '"Dial indicator"'), "did you mean displacement, with the direction"),
+        (lambda t: t.replace('"nest"', '"spirit level"'), "did you mean angle"),
+        (lambda t: t.replace('"nest"', '"double-ballbar"'), "did you mean ballbar?"),
+        (lambda t: t.replace('"nest"', '"R-test"'), "did you mean nest?"),
         (lambda t: t.replace("# unknown", "# unknwon"), "key of a nest"),
         (lambda t: t.replace("C_deg", "C"), "axis C"),
         (lambda t: t.replace("A_deg", "A_mm"), "A_mm"),

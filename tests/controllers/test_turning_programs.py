@@ -532,3 +532,19 @@ def test_a_file_of_many_blocks_is_read_in_little_memory(tmp_path):
     assert len(found) == n
     assert found.duration == pytest.approx(0.1 * (n - 1), abs=1e-6)
     assert peak < 100 * n
+
+
+def test_a_program_that_was_cut_short_is_named(tmp_path):
+    whole = (
+        "G21 G90 G93\nG1 X5.0 C0.0 Z0.0 F60\nX4.9 C90.0 Z0.01 F60\nX4.8 C180.0 Z0.02 F60\nM30\n"
+    )
+    axes = NGC
+    file = tmp_path / "part.ngc"
+    file.write_text(whole)
+    assert read_program(file, axes, quantity="tip").X.size == 3
+
+    # after a block, and within its last word: F6 is a word, too
+    for kept in (whole[: whole.index("M30")], whole[: whole.rindex("F60") + 2]):
+        file.write_text(kept)
+        with pytest.raises(CorruptFileError, match=r"line 4.*cut short"):
+            read_program(file, axes, quantity="tip")

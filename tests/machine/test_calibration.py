@@ -482,6 +482,59 @@ def test_noise_alone_is_no_wave():
     assert not [m for m in said if "repeats" in m]
 
 
+@pytest.mark.parametrize("place", [0.123, 0.388])
+def test_a_jump_that_no_order_follows_is_named_with_its_place_and_height(place):
+    _, laser = line_along_x(lambda x: 3e-6 * x - 2e-6 * (x > place), seed=4)
+
+    said = calibrate(presets("mill_xyz"), [laser], terms=["EXX"], degrees=2).messages
+
+    (jump,) = [m for m in said if "jumps by" in m]
+    height = float(jump.split("jumps by ")[1].split(" ")[0])
+    assert height == pytest.approx(-2.0, abs=0.3)  # um: down on the way up
+    low, high = (
+        float(w) for w in jump.split("X = ")[1].split(";")[0].replace(" mm", "").split(" and ")
+    )
+    assert low <= place * 1e3 <= high
+    assert (
+        high - low < 30.0
+    )  # mm: places of 5 mm, of which some beside the jump contradict and are refused
+
+
+def test_noise_drift_and_smooth_curves_are_no_jump():
+    said = []
+    for seed in range(12):
+        for curve, drift in (
+            (lambda x: 0 * x, 0.0),
+            (lambda x: 0 * x, 0.2e-6),
+            (lambda x: 20e-6 * x**3, 0.0),
+        ):
+            _, laser = line_along_x(curve, seed=seed, drift=drift)
+            said += calibrate(presets("mill_xyz"), [laser], terms=["EXX"]).messages
+    assert not [m for m in said if "jumps" in m]
+
+
+def test_a_set_at_one_pose_is_named():
+    _, laser = line_along_x(lambda x: 5e-6 * x**2, seed=1)
+    stop = Displacement(direction=(0, 1, 0))
+    at = {"X": np.full(9, 0.2), "Y": 0.0, "Z": 0.0}
+    values = 1e-6 + 0.1e-6 * np.random.default_rng(0).normal(size=9)
+    free = ReadingSet(stop, at, values, unknown=("offset",), name="stop")
+    fixed = ReadingSet(stop, at, values[::-1], name="block")
+    alone = ReadingSet(stop, {"X": [0.2], "Y": 0.0, "Z": 0.0}, [1e-6], name="one")
+
+    found = calibrate(
+        presets("mill_xyz"), [laser, free, fixed, alone], terms=["EXX", "EYX"], degrees=2
+    )
+
+    said = {m.split(":")[0]: m for m in found.messages if "one pose" in m or "only pose" in m}
+    assert (
+        "adds nothing, its own unknown offset takes all its 9 readings at one pose" in said["stop"]
+    )
+    assert "all its 9 readings at one pose" in said["block"]
+    assert "its only pose" in said["one"]
+    assert sorted(said) == ["block", "one", "stop"]
+
+
 def three_balls(**changed):
     machine = Trunnion(LOCATIONS)
     rng = np.random.default_rng(8)

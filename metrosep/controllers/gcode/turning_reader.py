@@ -197,6 +197,7 @@ def _read_gcode(text: _Lines, axes: LatheAxes) -> _Columns:
     place, joined = text.place, set[bool]()
     mode, unit, splined, started, ended = "", "", False, False, False
     last: dict[str, str] = {}
+    number = 0
     for number, line in text:
         plain = _PLAIN.fullmatch(line) if started and not ended else None
         if plain is not None:
@@ -267,6 +268,12 @@ def _read_gcode(text: _Lines, axes: LatheAxes) -> _Columns:
             joined.add(splined)
         for letter, column in columns.items():
             column.append(float(last[letter]))
+    if not ended:
+        raise CorruptFileError(
+            place,
+            f"the program ends at line {number} without M30 or M2: it was cut short (X, C and Z are then "
+            "not where it should end); copy it again, or close it with M30 if it is whole",
+        )
     if (count := len(columns["X"])) < 2:
         raise DataError(f"{place}: holds {count} blocks that move; a path needs more")
     if len(joined) > 1:

@@ -408,8 +408,12 @@ def drawn_points(
         a, b = (format_length(v) for v in found.centre)
         part = f"a gap of {math.degrees(gap):.3g} degrees" if inside.size else "no point"
         raise DataError(
-            f"the map has {part} in the ring that the program cuts about the axis, x = {a}, y = {b}: give "
-            "the place of the spindle axis on the map, centre, or measure all round"
+            f"the map has {part} in the ring that the program cuts about the axis, x = {a}, y = {b}, from "
+            f"{format_length(low)} to {format_length(high)}: give the place of the spindle axis on the map, "
+            "centre, or measure all round; a list of points that was cut short leaves such a ring too"
+            if math.isfinite(high)
+            else f"the map has {part} about the axis, x = {a}, y = {b}: give the place of the spindle axis "
+            "on the map, centre, or measure all round"
         )
     most = numbers.count(points, "points", least=10)
     if inside.size > most:
