@@ -86,6 +86,8 @@ def table(
 
     Exit code 1: it makes the error larger, removes less than 30 % of it, exceeds a limit, or its sign
     is not confirmed. 3: the readings do not show whether it helps. Nothing is written then.
+    No reading shows what a reversal found of a slide: its table is written, and reported as predicted,
+    if its own uncertainty is small against the corrections; else the exit code is 3.
     """
     from metrosep.controllers.base import sidecar_path
     from metrosep.controllers.registry import find
@@ -681,6 +683,13 @@ def _print_line(what: str, r: dict[str, Any]) -> None:
     keys = ("before_pv", "after_pv", "before_rms", "after_rms", "wrong_sign_rms")
     v = [r[f"{k}_{'rad' if turns else 'm'}"] * factor for k in keys]
     pv, rms = (".4g", ".4g") if turns else (".0f", ".1f")
+    u = r.get(f"u_after_rms_{'rad' if turns else 'm'}")
+    if u is not None and r.get("n_runs") == 1:  # an estimate: no reading shows what stays
+        say(
+            f"{what}: P-V {v[0]:{pv}} {unit}, RMS {v[2]:{rms}} {unit} -> known to u = "
+            f"{u * factor:{rms}} {unit} (reversed sign: {v[4]:{rms}} {unit})"
+        )
+        return
     say(
         f"{what}: P-V {v[0]:{pv}} -> {v[1]:{pv}} {unit}, RMS {v[2]:{rms}} -> {v[3]:{rms}} {unit} "
         f"(reversed sign: {v[4]:{rms}} {unit})"
