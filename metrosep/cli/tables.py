@@ -229,7 +229,7 @@ def _axes_of(document: dict[str, Any], options: dict[str, Any]) -> dict[str, str
     tables = [t for t in (document.get("table"), *document.get("more_tables", ())) if t]
     known = [(str(t["axis"]), str(t["compensates"])) for t in tables if "axis" in t]
     if not known:
-        axis = options.get("axis") or "X"
+        axis = options.get("axis") or _axis_of_columns(document)
         if options.get("compensates") is None:
             from metrosep.recipe.preflight import which_axis
 
@@ -252,6 +252,15 @@ def _axes_of(document: dict[str, Any], options: dict[str, Any]) -> dict[str, str
             f"the result has tables of {words}: say which one with --axis and --compensates"
         )
     return {"axis": fits[0][0], "compensates": fits[0][1]}
+
+
+def _axis_of_columns(document: dict[str, Any]) -> str:
+    """Return the axis that the columns of positions of a result are called after."""
+    from metrosep.cli.shortcut import axis_of_columns
+
+    history = (document.get("separation") or {}).get("history") or ()
+    steps = [s.get("parameters") or {} for s in (*document.get("provenance", ()), *history)]
+    return axis_of_columns(str(p["x"]) for p in steps if p.get("x") not in (None, "None"))
 
 
 def _own_axis(options: dict[str, Any]) -> dict[str, str]:
