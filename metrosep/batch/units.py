@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from metrosep._version import __version__
 from metrosep.core.atomic import atomic_write
-from metrosep.core.errors import ReadError, RecipeError, WriteError
+from metrosep.core.errors import MetrosepError, ReadError, RecipeError, WriteError
 from metrosep.core.methods import METHODS
 from metrosep.io.registry import FOLDERS_VARIABLE, formats
 from metrosep.recipe.result import document_text
@@ -293,7 +293,11 @@ def _files_of(recipe: Recipe, cased: list[str], *, any_file: bool) -> Members:
                 "files",
             )
     if not one_file_each(recipe):
-        return partial(_sets, patterns or ("*.csv",), cased)
+        apart = None
+        is_stated = recipe.batch_options.get("each") == "folder"
+        if not is_stated and (recipe.method is None or recipe.method.reads == "runs"):
+            apart = dict(recipe.input)
+        return partial(_sets, patterns or ("*.csv",), cased, apart)
     return partial(_singles, patterns or _usual(recipe, any_file=any_file))
 
 
@@ -311,16 +315,51 @@ def _matches(name: str, pattern: str) -> bool:
 
 
 def _sets(
-    patterns: tuple[str, ...], cased: list[str], place: Path, names: list[str], root: Path
+    patterns: tuple[str, ...],
+    cased: list[str],
+    apart: dict[str, Any] | None,
+    place: Path,
+    names: list[str],
+    root: Path,
 ) -> Iterator[tuple[Path, list[Path]]]:
+    """Yield the files of a folder together; those that hold several runs of their own alone.
+
+    `apart` is how runs are read; None where files belong together whatever they hold.
+    """
     files = sorted({f for p in patterns for f in place.glob(p) if f.is_file()})
     cased += [
         _relative(place / n, root)
         for n in names
         if place / n not in files and any("/" not in p and _matches(n, p) for p in patterns)
     ]
-    if files:
-        yield place, files
+    own = [] if apart is None else [f for f in files if _holds_runs(f, apart)]
+    for file in own:
+        yield file, [file]
+    if len(files) > len(own):
+        yield place, [f for f in files if f not in own]
+
+
+_LOOKED: dict[tuple[str, int, int, str], bool] = {}
+"""What was found in files of that size and time: a batch that watches looks again and again."""
+
+
+def _holds_runs(file: Path, reading: dict[str, Any]) -> bool:
+    """Return whether a column of a file tells several runs of one direction apart: it is a whole set."""
+    from metrosep.io.runs import read_runs, told_columns
+    from metrosep.recipe.schema import reading_options
+
+    try:
+        state = file.stat()
+        key = (str(file), state.st_size, state.st_mtime_ns, repr(reading))
+        if key not in _LOOKED:
+            given = {k: v for k, v in reading_options(reading).items() if v is not None}
+            told = given if "x" in given else told_columns(file, given)
+            runs = read_runs(file, angles=True, **given) if told.get("run") else ()
+            ways = [r.direction for r in runs]
+            _LOOKED[key] = max(ways.count(1), ways.count(-1)) > 1
+        return _LOOKED[key]
+    except (MetrosepError, OSError, TypeError, ValueError):  # said where the unit is read
+        return False
 
 
 def _usual(recipe: Recipe, *, any_file: bool) -> tuple[str, ...]:

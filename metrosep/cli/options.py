@@ -259,7 +259,8 @@ def table_options(command: F) -> F:
         (
             click.option(
                 "--axis",
-                help="Axis whose position selects the entry. Default: axis of the result, or X.",
+                help="Axis whose position selects the entry. Default: axis of the result, or the one "
+                "that the column of positions is called after (y_mm), or X.",
             ),
             click.option(
                 "--compensates",

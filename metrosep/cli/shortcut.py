@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "PARTS_AND_REPORT",
     "RUN_INPUT",
+    "axis_of_columns",
     "input_lines",
     "list_of",
     "listed",
@@ -127,14 +128,37 @@ def _with_own(
             made[known[key]] = value
         else:
             machine[fact] = value
-    turns = is_rotary(made["axis"] or "X")
+    column = options.get("x")
+    made["axis"] = made["axis"] or axis_of_columns([str(column)] if column else [])
+    turns = is_rotary(made["axis"])
     made["spacing"] = made["spacing"] or (USUAL_TURN if turns else USUAL_SPACING)
     if made["compensates"] is None:
-        raise click.UsageError(f"{label}: {which_axis(made['axis'] or 'X', '--compensates ')}")
+        raise click.UsageError(f"{label}: {which_axis(made['axis'], '--compensates ')}")
     return {
         **made, "label": label, "controller": controller, "machine": machine, "waive": waive,
         "own": stated,
     }  # fmt: skip
+
+
+def axis_of_columns(columns: Iterable[str]) -> str:
+    """Return the axis that columns of positions are called after, and say so: y_mm is Y; else X."""
+    from metrosep.cli.options import say
+
+    known = list(dict.fromkeys(columns))
+    found = (re.match(r"([xyzuvw]\d?)(?![a-z0-9])", c, flags=re.IGNORECASE) for c in known)
+    letters = list(dict.fromkeys(m[1].upper() for m in found if m))
+    named = ", ".join(known)
+    if len(letters) > 1:
+        raise click.UsageError(
+            f"the positions are of columns {named}: say which axis was travelled with --axis"
+        )
+    if not letters and known:
+        say(
+            f"note: axis X, the usual one: column {named} does not name its axis; else give --axis"
+        )
+    elif letters and letters != ["X"]:
+        say(f"note: axis {letters[0]}, as column {named} is called; else give --axis")
+    return letters[0] if letters else "X"
 
 
 def known_facts(dialect: Any) -> tuple[str, ...]:

@@ -86,6 +86,8 @@ def table(
 
     Exit code 1: it makes the error larger, removes less than 30 % of it, exceeds a limit, or its sign
     is not confirmed. 3: the readings do not show whether it helps. Nothing is written then.
+    No reading shows what a reversal found of a slide: its table is written, and reported as predicted,
+    if its own uncertainty is small against the corrections; else the exit code is 3.
     """
     from metrosep.controllers.base import sidecar_path
     from metrosep.controllers.registry import find
@@ -227,7 +229,7 @@ def _axes_of(document: dict[str, Any], options: dict[str, Any]) -> dict[str, str
     tables = [t for t in (document.get("table"), *document.get("more_tables", ())) if t]
     known = [(str(t["axis"]), str(t["compensates"])) for t in tables if "axis" in t]
     if not known:
-        axis = options.get("axis") or "X"
+        axis = options.get("axis") or _axis_of_columns(document)
         if options.get("compensates") is None:
             from metrosep.recipe.preflight import which_axis
 
@@ -250,6 +252,15 @@ def _axes_of(document: dict[str, Any], options: dict[str, Any]) -> dict[str, str
             f"the result has tables of {words}: say which one with --axis and --compensates"
         )
     return {"axis": fits[0][0], "compensates": fits[0][1]}
+
+
+def _axis_of_columns(document: dict[str, Any]) -> str:
+    """Return the axis that the columns of positions of a result are called after."""
+    from metrosep.cli.shortcut import axis_of_columns
+
+    history = (document.get("separation") or {}).get("history") or ()
+    steps = [s.get("parameters") or {} for s in (*document.get("provenance", ()), *history)]
+    return axis_of_columns(str(p["x"]) for p in steps if p.get("x") not in (None, "None"))
 
 
 def _own_axis(options: dict[str, Any]) -> dict[str, str]:
@@ -681,6 +692,13 @@ def _print_line(what: str, r: dict[str, Any]) -> None:
     keys = ("before_pv", "after_pv", "before_rms", "after_rms", "wrong_sign_rms")
     v = [r[f"{k}_{'rad' if turns else 'm'}"] * factor for k in keys]
     pv, rms = (".4g", ".4g") if turns else (".0f", ".1f")
+    u = r.get(f"u_after_rms_{'rad' if turns else 'm'}")
+    if u is not None and r.get("n_runs") == 1:  # an estimate: no reading shows what stays
+        say(
+            f"{what}: P-V {v[0]:{pv}} {unit}, RMS {v[2]:{rms}} {unit} -> known to u = "
+            f"{u * factor:{rms}} {unit} (reversed sign: {v[4]:{rms}} {unit})"
+        )
+        return
     say(
         f"{what}: P-V {v[0]:{pv}} -> {v[1]:{pv}} {unit}, RMS {v[2]:{rms}} -> {v[3]:{rms}} {unit} "
         f"(reversed sign: {v[4]:{rms}} {unit})"

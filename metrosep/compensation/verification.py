@@ -59,6 +59,7 @@ class DirectionResidual:
         Mean RMS of the single runs, with all that does not repeat.
     u_after_rms, u_before_rms, u_after_pv, u_before_pv : float or None, m
         Standard uncertainties from the scatter of the runs, to first order; None for one run.
+        Of an estimate without runs, of the RMS after: the RMS of its own standard uncertainty.
         Of a P-V: scatter of the runs between the two places where the mean is largest and
         smallest; that noise makes every P-V too large is not in it.
     """
@@ -170,6 +171,12 @@ class Verification(Judged):
         return max(r.after_rms for r in self.residuals)
 
     @property
+    def _known_to(self) -> float | None:
+        """Standard uncertainty (RMS) of an error that was estimated, where no run is judged, m."""
+        stated = [r.u_after_rms for r in self.residuals if r.u_after_rms is not None]
+        return max(stated) if stated and self.n_runs == 0 else None
+
+    @property
     def sentences(self) -> tuple[str, ...]:
         """What a person should read: what was judged on what, the numbers, the grade and why."""
         judged = (
@@ -184,7 +191,7 @@ class Verification(Judged):
         low, high = (format_span(self.units.looked_up, v, digits=6) for v in self.span)
         return (
             f"{judged}, {low.partition(' ')[0]} ... {high}; off the readings: {_UNKNOWN[self.unknown]}",
-            numbers_text(self.judgement, self.units),
+            numbers_text(self.judgement, self.units, known_to=self._known_to),
             self._graded_text(),
         )
 
@@ -232,12 +239,20 @@ class Verification(Judged):
 
 
 def numbers_text(
-    j: Judgement,
-    units: AxisUnits = LENGTHS,
+    j: Judgement, units: AxisUnits = LENGTHS, *, known_to: float | None = None
 ) -> str:
-    """Return RMS and P-V before and after, and the gain, in one line."""
+    """Return RMS and P-V before and after, and the gain, in one line.
+
+    No reading judges the table of an estimate: what stays is what its error is known to.
+    """
     after = math.sqrt(max(j.energy - j.improvement.value, 0.0))
     u = f" +- {j.u_gain:.2g}" if 0.0 < j.u_gain < math.inf else ""
+    if known_to is not None:
+        return (
+            f"RMS {units.amount(math.sqrt(j.energy))} -> {units.amount(math.hypot(after, known_to))} "
+            f"(predicted: the error is known to u = {units.amount(known_to)} RMS; no reading shows it), "
+            f"P-V {units.amount(j.pv_before)}, gain {j.gain:.4g}{u}"
+        )
     return (
         f"RMS that repeats {units.amount(math.sqrt(j.energy))} -> {units.amount(after)}, P-V "
         f"{units.amount(j.pv_before)} -> {units.amount(j.pv_after_plain)} (noise alone "

@@ -208,7 +208,8 @@ def dry_run(
             f"run {', '.join(measured.unpaired)} has no partner of the other direction at its feed and "
             "is not compared"
         )
-    residuals = tuple(_residual(d, stack) for d in measured.directions)
+    known_to = sd or measured.sd if how == "estimate" else None
+    residuals = tuple(_residual(d, stack, known_to) for d in measured.directions)
     own = not np.array_equal(correction(grids[0], 1), correction(grids[0], -1))
     missing = tuple({1, -1} - set(measured.directions)) if own else ()
     known = measured.knows_lost_motion and space != "offsets"
@@ -566,7 +567,10 @@ def _is_reversed(
     return graded([*flipped.reasons, *beyond, *both]) == "accepted" and flipped.rest <= 0.5
 
 
-def _residual(direction: int, stack: Stack) -> DirectionResidual:
+def _residual(
+    direction: int, stack: Stack, known_to: Callable[[FloatArray, int], FloatArray] | None
+) -> DirectionResidual:
+    """Return what a direction has before and after; of an estimate, u is that of the error itself."""
     part = stack.way == direction
     before, after, wrong = (v[:, part] for v in (stack.known, stack.rest, stack.wrong))
     middle, plain, flipped = centre(after), centre(before), centre(wrong)
@@ -581,11 +585,17 @@ def _residual(direction: int, stack: Stack) -> DirectionResidual:
         wrong_sign_rms=_rms(wrong.mean(axis=0)),
         run_before_rms=float(np.mean([_rms(run) for run in before])),
         run_after_rms=float(np.mean([_rms(run) for run in after])),
-        u_after_rms=u_of_rms(after),
+        u_after_rms=u_of_rms(after)
+        if known_to is None
+        else _finite(_rms(known_to(stack.x[part], direction))),
         u_before_rms=u_of_rms(before),
         u_after_pv=u_of_pv(after),
         u_before_pv=u_of_pv(before),
     )
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _rms(values: FloatArray) -> float:

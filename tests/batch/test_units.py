@@ -171,3 +171,22 @@ def test_what_is_no_folder_is_refused(tmp_path):
 def test_whole_paths_are_refused(tmp_path):
     with pytest.raises(RecipeError, match=r"recipe.toml:3: .*whole path"):
         units(MEASURE.replace("*.xyz", "/data/a.xyz"), tmp_path)
+
+
+def test_files_that_hold_runs_of_their_own_are_units_of_their_own(tmp_path):
+    """Two sets of five runs in one folder were pooled as ten; files of one run each stay together."""
+
+    def runs(name, n):
+        rows = [f"{i},{x},{0.1 * x * i}" for i in range(n) for x in range(9)]
+        (tmp_path / name).write_text("\n".join(["run,x_mm,z_um", *rows]) + "\n")
+
+    for name, n in (("one.csv", 5), ("two.csv", 5), ("a.csv", 1), ("b.csv", 1)):
+        runs(name, n)
+    silent = 'metrosep = 1\n[input]\n[[step]]\nop = "separate"\n'
+    named = silent.replace("[input]", '[input]\nx = "x_mm"\nz = "z_um"\nrun = "run"')
+
+    for text in (silent, named):
+        found = {u.name: [Path(f).name for f in u.files] for u in units(text, tmp_path).units}
+        assert found == {".": ["a.csv", "b.csv"], "one.csv": ["one.csv"], "two.csv": ["two.csv"]}
+        (together,) = units(text + '[batch]\neach = "folder"\n', tmp_path).units
+        assert len(together.files) == 4

@@ -153,6 +153,32 @@ def test_wrong_entries_inside_a_hole_are_seen(metrosep, tmp_path, n, lost, direc
         assert said in out + err
 
 
+@pytest.mark.parametrize(
+    ("column", "axis"), [("y_mm", "Y"), ("Y-axis:mm", "Y"), ("x_mm", "X"), ("pos_mm", "X")]
+)
+def test_axis_of_the_positions_is_that_of_their_column(metrosep, tmp_path, column, axis):
+    x = np.linspace(0.0, 30.0, 301)
+    z = np.sin(x / 3.0)
+    lines = [f"run,{column.partition(':')[0]},z_um"]
+    lines += [f"{i},{p:.3f},{v:.5f}" for i in range(5) for p, v in zip(x, z, strict=True)]
+    runs = tmp_path / "runs.csv"
+    runs.write_text("\n".join(lines) + "\n")
+    read = (runs, "--x", column, "--z", "z_um", "--run", "run", "--method", "mean")
+    shape = ("--compensates", "Z", "--spacing", "1 mm")
+    out, two = tmp_path / "out", tmp_path / "two.csv"
+
+    code, _, err = metrosep("separate", *read, *shape, "--table", "csv=one.csv", "-o", out)
+    assert code == 0, err
+    assert metrosep("separate", *read, "-o", tmp_path / "plain")[0] == 0
+    code, _, said = metrosep("table", tmp_path / "plain", *shape, "--format", "csv", "-o", two)
+    assert code == 0, said
+
+    for text, file in ((err, out / "one.csv"), (said, two)):
+        assert f"table {axis} -> Z" in text
+        assert (f"note: axis {axis}" in text) == (column != "x_mm")
+        assert json.loads((file.parent / f"{file.name}.json").read_text())["table"]["axis"] == axis
+
+
 def test_verify_rejects_a_flipped_table_with_code_1(metrosep, runs_csv, tmp_path):
     comp = tmp_path / "x.comp"
     code, _, _ = metrosep(

@@ -1,6 +1,7 @@
 """Reversal of stored estimates by its name: command line, recipe and function; drift of the edge."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -196,6 +197,12 @@ def test_from_runs_to_the_slide_at_the_command_line(tmp_path, capsys):
     said = capsys.readouterr().err
     assert not code, said
     assert "predicted, not shown" in said
+    u = np.sqrt(np.mean(found.u["machine"] ** 2)) / NM
+    (left, known_to) = re.findall(r"-> (\S+) nm \(predicted.* u = (\S+) nm RMS", said)[0]
+    assert float(known_to) == pytest.approx(u, rel=0.05, abs=0.0)
+    assert float(left) > float(known_to)  # straight lines over 1 mm come on top
+    assert " 0 nm" not in said
+    assert " 0.0 nm" not in said
     assert set_ups in said  # the other order gives the other sign
     assert set_ups in (tmp_path / "slide.csv.json").read_text()
     place, added = np.loadtxt(cells, delimiter=",", skiprows=1, usecols=(0, 1)).T
