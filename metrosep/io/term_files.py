@@ -9,6 +9,7 @@ u_C0Y = "0.5 urad"          its standard uncertainty, and u_EXX_um beside EXX_um
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -20,11 +21,13 @@ from metrosep.core.atomic import read_plain
 from metrosep.core.errors import DataError, ReadError
 from metrosep.core.units import parse_quantity
 from metrosep.machine.elements import axis_of
-from metrosep.machine.terms import ConstantTerm, ErrorTerm, TableTerm, is_angle
+from metrosep.machine.terms import ConstantTerm, ErrorTerm, TableTerm, closes, is_angle
 
 __all__ = ["read_term_table", "table_texts", "term_texts"]
 
 _MOST_BYTES = 2**26
+_ROUNDING = 1e-9
+"""Of a turn, by which a table over 360 deg may miss it."""
 
 
 _STRAIGHT, _MOST_PLACES = 1e-10, 6000
@@ -49,7 +52,8 @@ def read_term_table(
     Returns
     -------
     dict of str to (TableTerm, (float, float))
-        By term the table, and from where to where it reaches, SI.
+        By term the table, and from where to where it reaches, SI. Over a full turn of an axis that turns,
+        with equal ends, it is looked up modulo the turn.
 
     Raises
     ------
@@ -112,11 +116,14 @@ def read_term_table(
     columns = {n: [row[k] * scales[k] for row in rows] for k, n in enumerate(names)}
     place = columns.pop(names[0])
     span = (place[0], place[-1])
-    return {
-        n: (TableTerm(place, c, columns.get(_U + n, 0.0)), span)
-        for n, c in columns.items()
-        if not n.startswith(_U)
-    }
+    turn = 2.0 * math.pi
+    whole = kinds[names[0]] == "angle" and abs(span[1] - span[0] - turn) <= _ROUNDING * turn
+    found = {}
+    for n, c in columns.items():
+        if not n.startswith(_U):
+            period = turn if whole and closes(c) else None
+            found[n] = (TableTerm(place, c, columns.get(_U + n, 0.0), period), span)
+    return found
 
 
 def term_file(name: str, *, is_constant: bool) -> str:

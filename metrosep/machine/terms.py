@@ -316,16 +316,19 @@ class TableTerm(_OfPosition):
         Error at the positions.
     u : float or sequence of float, shape (n,), m or rad
         Standard uncertainty of the values.
+    period : float, m or rad, optional
+        Of an axis that turns: positions are looked up modulo the turn, which the table must span with
+        equal values at both ends.
 
     Raises
     ------
     InvalidSamplesError
-        Fewer than two points, unequal lengths, NaN or infinite entries, positions that do not rise,
+        Fewer than two points, a table with a period that does not close, unequal lengths, NaN or infinite entries, positions that do not rise,
         or u < 0.
 
     Notes
     -----
-    Nothing is extrapolated: a position outside the table raises; 1e-9 of its span beyond an end is
+    Nothing is extrapolated: without a period a position outside the table raises; 1e-9 of its span beyond an end is
     rounding (``3 * 0.1`` against 0.3) and takes the value of the end. The uncertainty between two points
     is interpolated too, as if their errors were fully correlated: it is the upper bound.
 
@@ -338,6 +341,7 @@ class TableTerm(_OfPosition):
     positions: Sequence[float]
     values: Sequence[float]
     u: float | Sequence[float] = 0.0
+    period: float | None = None
 
     def __post_init__(self) -> None:
         for key in ("positions", "values"):
@@ -362,6 +366,16 @@ class TableTerm(_OfPosition):
                 f"u must be {n} numbers >= 0, got {len(us)}, least {min(us)}"
             )
         self._set(u=us)
+        if self.period is None:
+            return
+        turn = numbers.positive(self.period, "period of a table")
+        self._set(period=turn)
+        span = self.positions[-1] - self.positions[0]
+        if abs(span - turn) > _ROUNDING * turn or not closes(self.values):
+            raise InvalidSamplesError(
+                f"a table with a period must span it ({turn:.9g}) and end as it begins; it spans {span:.9g} and "
+                f"goes from {self.values[0]:.4g} to {self.values[-1]:.4g}"
+            )
 
     def _at(self, x: FloatArray) -> FloatArray:
         return self._interpolated(x, self.values)
@@ -373,6 +387,10 @@ class TableTerm(_OfPosition):
     def _interpolated(self, asked: FloatArray, values: Sequence[float]) -> FloatArray:
         low, high = self.positions[0], self.positions[-1]
         margin = _ROUNDING * (high - low)
+        if self.period is not None:
+            asked = np.where(
+                (asked < low) | (asked > high), low + np.mod(asked - low, self.period), asked
+            )
         outside = asked[(asked < low - margin) | (asked > high + margin)]
         if outside.size:
             raise DataError(
@@ -380,6 +398,11 @@ class TableTerm(_OfPosition):
                 f"({low:.9g} to {high:.9g}); extend the table, nothing is extrapolated"
             )
         return np.asarray(np.interp(asked, self.positions, values))
+
+
+def closes(values: Sequence[float]) -> bool:
+    """Return whether a table ends as it begins, to a millionth of what it goes up and down."""
+    return abs(values[-1] - values[0]) <= 1e-6 * float(np.ptp(values))
 
 
 @dataclass(frozen=True, slots=True)

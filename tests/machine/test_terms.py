@@ -356,3 +356,20 @@ def test_file_that_is_missing_or_binary(tmp_path):
 def test_tables_that_are_wrong(table):
     with pytest.raises(DataError, match=r"element|table"):
         Chain.from_dict(table)
+
+
+def test_a_table_of_a_full_turn_is_looked_up_modulo_the_turn(tmp_path):
+    """C-90 is C270 and C370 is C10; a table that does not close says nothing beyond its ends."""
+    from metrosep.io.term_files import read_term_table
+
+    file = tmp_path / "c.csv"
+    rows = [f"{c},{20 * np.sin(np.radians(c)):.6f},{c / 360}" for c in range(0, 361, 5)]
+    file.write_text("\n".join(["c_deg,EXC_um,EYC_um", *rows]) + "\n")
+    held = read_term_table(file, {"C": "angle"})
+    asked = np.radians([-90.0, 370.0, 730.0, -360.0])
+    wanted = 20e-6 * np.sin(asked)
+    assert held["EXC"][0].evaluate(asked) == pytest.approx(wanted, abs=1e-11)
+    with pytest.raises(DataError, match="nothing is extrapolated"):
+        held["EYC"][0].evaluate(np.radians(-90.0))
+    with pytest.raises(InvalidSamplesError, match="end as it begins"):
+        TableTerm([0.0, 1.0], [0.0, 1e-6], period=1.0)

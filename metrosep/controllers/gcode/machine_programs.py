@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -57,7 +58,10 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, LimitError, MetrosepError, TableError
 from metrosep.core.units import format_length
+from metrosep.machine.elements import axis_of
+from metrosep.machine.error_sets import ErrorSet
 from metrosep.machine.inverse import correct_path
+from metrosep.machine.terms import FourierTerm, SumTerm, TableTerm
 
 if TYPE_CHECKING:
     from metrosep.machine.chains import Chain, Errors
@@ -67,9 +71,11 @@ __all__ = ["is_program", "rewrite_machine_program"]
 _UNITS = {"mm": MM, "inch": INCH}
 _LOOK_LENGTH, _LOOK_TURN = 1e-3, math.radians(1.0)
 """m, rad: a move is looked at this often between its ends, and in each of its parts this often."""
-_FEWEST, _MOST_LOOKS = 8, 1 << 14
-_SHIFT = (3.0 - 5.0**0.5) / 2.0  # of a step: places in step with no wave
+_FEWEST, _MOST_LOOKS = 16, 1 << 20
+_PER_STEP = 4.0
+"""Looks in each step of a table of errors, and in a quarter of the shortest wave of a series."""
 _AT_ONCE = 100_000
+_BLOCK = re.compile(r"/?\s*(?:[NGMOT]\s*\d|[A-Z]\s*=)", re.IGNORECASE)
 
 
 @dataclass(slots=True)
@@ -82,7 +88,7 @@ class _Moves:
     inverse: list[bool] = field(default_factory=list)  # G93 in force
     place: list[list[float]] = field(default_factory=list)  # NaN where not known
     broken: list[bool] = field(default_factory=list)  # the place before the move is not known
-    tokens: dict[int, tuple[Token, ...]] = field(default_factory=dict)  # by line
+    decimals: list[bytes] = field(default_factory=list)  # that the words of each axis have
 
     @property
     def places(self) -> FloatArray:
@@ -99,8 +105,8 @@ def is_program(path: str | os.PathLike[str]) -> bool:
                     continue
                 try:
                     tokenize(text)
-                except MetrosepError:
-                    return False
+                except MetrosepError:  # a block that cannot be read is none of a list
+                    return _BLOCK.match(text) is not None
                 return True
     return False
 
@@ -163,6 +169,11 @@ def rewrite_machine_program(
 
     Notes
     -----
+    The way is judged as it is written, after rounding, at one place somewhere in each mm, degree and
+    quarter of a step of a table of errors (of a quarter wave of a series), 16 in a part or more. A
+    feed move of axes of rotation alone is refused outside G93 where linear axes would have to move: F would no
+    longer be deg/min.
+
     Rapid moves are corrected at their ends and not split. A move before all axes are known is left as it
     is; the first move with known axes takes up every axis.
 
@@ -279,6 +290,13 @@ class _Corrector:
         unit = program.state.unit if program.moves.line else MM
         self.scale = np.where(self.turns, math.pi / 180.0, unit)
         self.offset = np.array([offset[a] for a in self.axes])
+        default = np.where(self.turns, _LOOK_TURN, _LOOK_LENGTH)
+        fine = dict.fromkeys(self.axes, math.inf)
+        for name, term in (errors.terms if isinstance(errors, ErrorSet) else errors).items():
+            axis = axis_of(name)
+            if axis in fine:
+                fine[axis] = min(fine[axis], _step_of(term) / _PER_STEP)
+        self.look = np.minimum(default, [fine[a] for a in self.axes])
         self.messages: tuple[str, ...] = ()
         self.correction: dict[str, FloatArray] = {a: np.zeros(1) for a in self.axes}
 
@@ -303,6 +321,30 @@ class _Corrector:
             ..., :3, 3
         ]
         return np.asarray(np.linalg.norm(actual - goal, axis=-1))
+
+
+def _step_of(term: object) -> float:
+    """Return the length over which an error may bend, m or rad; infinite where it does not say."""
+    if isinstance(term, SumTerm):
+        return min(map(_step_of, term.parts))
+    if isinstance(term, FourierTerm):
+        return min(term.wavelengths) / 4.0
+    if isinstance(term, TableTerm) and len(term.positions) > 2:
+        x = np.asarray(term.positions)
+        return float((x[2:] - x[:-2]).min()) / 2.0  # two: a corner beside a node is no wave
+    return math.inf
+
+
+def _shares(size: int) -> FloatArray:
+    """Return places from 0 to 1, one somewhere in each of equal intervals: in step with no wave."""
+    within = np.random.default_rng(size).random(size)
+    return np.asarray((np.arange(size) + within) / size)
+
+
+def _rounded(places: FloatArray, digits: Any) -> FloatArray:
+    """Return places as they are written."""
+    unit = 10.0**digits
+    return np.asarray(np.rint(places * unit) / unit)
 
 
 class _Program:
@@ -346,6 +388,9 @@ class _Program:
                         why = "the letter is there twice in one block"
                         raise refuse_block(row + 1, token.text, why, "write it once")
                     words[token.letter] = token
+            if self.state.motion == 1 and self.state.feed_mode == "G93" and "F" not in words:
+                why = "in inverse time (G93) every feed move needs an F word"
+                raise refuse_block(row + 1, "a feed move", why, "add F")
             held |= {a: t.value for a, t in words.items() if a in held}
             place = [held[a] for a in self.moves.axes]
             known = all(v == v for v in place)
@@ -363,7 +408,9 @@ class _Program:
             self.moves.inverse.append(self.state.feed_mode == "G93")
             self.moves.place.append(place)
             self.moves.broken.append(broken)
-            self.moves.tokens[row] = tokens
+            self.moves.decimals.append(
+                bytes(min(decimals_of(words[a].number), 99) if a in words else 0 for a in held)
+            )
             broken = not known
 
     def rewritten(
@@ -382,10 +429,35 @@ class _Program:
         places = whole[rows]
         dq = machine.at(places, whole=True)
         self._refuse_large(machine, rows, limit)
-        parts, extra = self._split(machine, rows, places, dq, tolerance)
         step = np.where(machine.turns, STEP_ANGLE, resolution) / machine.scale
         least = np.maximum(1, np.ceil(-np.log10(step) - 1e-9)).astype(int)
-        return self._write(rows, places, dq, parts, extra, least)
+        own = np.array([list(self.moves.decimals[r]) for r in rows])
+        digits = np.maximum(least, own)
+        written = _rounded(places + dq, digits) - places
+        if tolerance is not None:
+            self._refuse_coarse(machine, rows, places, dq, written, tolerance)
+        extra = self._split(machine, rows, places, written, digits, tolerance)
+        return self._write(machine, rows, places, written, extra, digits)
+
+    def _refuse_coarse(
+        self,
+        machine: _Corrector,
+        rows: Any,
+        places: FloatArray,
+        dq: FloatArray,
+        written: FloatArray,
+        tolerance: float,
+    ) -> None:
+        """Refuse a tolerance that the digits that are written cannot keep."""
+        off = machine.missed(places, places + written)
+        bad = (off > tolerance) & (machine.missed(places, places + dq) <= tolerance)
+        if bad.any():
+            i = int(np.argmax(np.where(bad, off, 0.0)))
+            raise LimitError(
+                f"line {self.moves.line[rows[i]] + 1}: by the digits that are written the tool point misses its "
+                f"place by {format_length(float(off[i]))}, the tolerance is {format_length(tolerance)}; give "
+                "a finer resolution, or a wider tolerance"
+            )
 
     def _refuse_large(self, machine: _Corrector, rows: Any, limit: float) -> None:
         for i, axis in enumerate(self.moves.axes):
@@ -398,28 +470,34 @@ class _Program:
         rows: Any,
         places: FloatArray,
         dq: FloatArray,
+        digits: Any,
         tolerance: float | None,
-    ) -> tuple[Any, dict[int, tuple[FloatArray, FloatArray]]]:
-        """Return the number of parts of each pose's move, and nominal and added places within."""
+    ) -> dict[int, tuple[FloatArray, FloatArray]]:
+        """Return nominal and added places within the moves that are split."""
         n = rows.size
         parts = np.ones(n, dtype=np.int64)
         extra: dict[int, tuple[FloatArray, FloatArray]] = {}
         feed, broken = np.array(self.moves.feed)[rows], np.array(self.moves.broken)[rows]
         begins = np.flatnonzero(feed & ~broken & (np.arange(n) > 0))
         if not begins.size:
-            return parts, extra
+            return extra
         way = places[begins] - places[begins - 1]
-        here = np.abs(way * machine.scale)
-        looks = np.where(
-            machine.turns, here / _LOOK_TURN, here / _LOOK_LENGTH
-        ).max(axis=1)  # fmt: skip
+        looks = (np.abs(way * machine.scale) / machine.look).max(axis=1)
+        if looks.max() > _MOST_LOOKS:
+            line = self.moves.line[rows[begins[int(np.argmax(looks))]]] + 1
+            raise LimitError(
+                f"line {line}: the errors are so fine that the move must be looked at in {looks.max():.3g} "
+                f"places, more than {_MOST_LOOKS}; write it as shorter moves"
+            )
         moving = looks > 0.0
         begins, way, looks = begins[moving], way[moving], looks[moving]
-        sizes = 2 ** np.ceil(np.log2(np.clip(looks, _FEWEST, _MOST_LOOKS))).astype(np.int64)
+        sizes = 2 ** np.ceil(np.log2(np.maximum(looks, _FEWEST))).astype(np.int64)
         for size in np.unique(sizes).tolist():
             chosen = np.flatnonzero(sizes == size)
             for some in np.array_split(chosen, 1 + chosen.size * size // _AT_ONCE):
-                self._look(machine, rows, begins[some], places, dq, size, tolerance, parts, extra)
+                self._look(
+                    machine, rows, begins[some], places, dq, digits, size, tolerance, parts, extra
+                )
         turned = np.abs(way[:, machine.turns]).max(axis=1, initial=0.0)
         unsure = np.flatnonzero((turned > 180.0) & (parts[begins] > 1))
         if unsure.size:
@@ -431,7 +509,7 @@ class _Program:
                 "its numbers",
                 "write it as moves of 180 deg or less",
             )
-        return parts, extra
+        return extra
 
     def _look(
         self,
@@ -440,13 +518,14 @@ class _Program:
         ends: Any,
         places: FloatArray,
         dq: FloatArray,
+        digits: Any,
         size: int,
         tolerance: float | None,
         parts: Any,
         extra: dict[int, tuple[FloatArray, FloatArray]],
     ) -> None:
         """Find the parts of moves that are looked at equally often."""
-        share = (np.arange(size) + _SHIFT) / size
+        share = _shares(size)
         count, open_ = 1, ends
         while open_.size:
             a, b = places[open_ - 1][:, None], places[open_][:, None]
@@ -459,6 +538,7 @@ class _Program:
                 added[:, 1:-1] = machine.at(within.reshape(-1, within.shape[-1])).reshape(
                     within.shape
                 )
+                added[:, 1:-1] = _rounded(within + added[:, 1:-1], digits[open_][:, None]) - within
             part = np.minimum((share * count).astype(int), count - 1)
             rest = (share * count - part)[None, :, None]
             command = a + (b - a) * share[:, None]
@@ -477,22 +557,23 @@ class _Program:
                 raise LimitError(
                     f"line {self.moves.line[rows[open_[i]]] + 1}: in {MAX_PARTS} parts the tool point still "
                     f"misses its way by {format_length(float(worst[i]))}, the tolerance is "
-                    f"{format_length(float(tolerance or 0.0))}; the errors have a step, or bend too fast"
+                    f"{format_length(float(tolerance or 0.0))}; the resolution is too coarse for "
+                    "it, or the errors have a step or bend too fast"
                 )
             open_ = open_[left]
             count *= 2
             if _FEWEST * count > size:
                 size = _FEWEST * count
-                share = (np.arange(size) + _SHIFT) / size
+                share = _shares(size)
 
     def _write(
         self,
+        machine: _Corrector,
         rows: Any,
         places: FloatArray,
         dq: FloatArray,
-        parts: Any,
         extra: dict[int, tuple[FloatArray, FloatArray]],
-        least: Any,
+        digits_at: Any,
     ) -> int:
         """Put the numbers into the blocks; what was meant is kept beside."""
         nominal, meant, digits_of_all, at = [], [], [], []
@@ -500,7 +581,7 @@ class _Program:
         changed, move, added = 0, 0, 0
         by_move = {int(r): i for i, r in enumerate(rows.tolist())}
         for k, row in enumerate(self.moves.line):
-            tokens = self.moves.tokens[row]
+            tokens = tokenize(self.lines[row], row + 1)  # not kept: 5 kB a block
             own = {t.letter: t for t in tokens if t.kind == "word"}
             i = by_move.get(k)
             if i is None:
@@ -510,10 +591,8 @@ class _Program:
                 continue
             if self.moves.broken[k]:  # an axis not yet named may stand anywhere
                 held = [math.nan] * len(held)
-            digits = [
-                max(int(least[j]), decimals_of(own[a].number) if a in own else 0)
-                for j, a in enumerate(self.moves.axes)
-            ]
+            digits = digits_at[i].tolist()
+            before = list(held)
             within = extra.get(i, (np.empty((0, len(held))), np.empty((0, len(held)))))
             steps = [*zip(*within, strict=True), (places[i], dq[i])]
             texts = []
@@ -534,16 +613,36 @@ class _Program:
                 digits_of_all.append(digits)
                 at.append(move)
                 move += 1
+            still = self.moves.feed[k] and not self.moves.inverse[k] and not self.moves.broken[k]
+            still = still and i > 0 and (places[i] == places[i - 1])[~machine.turns].all()
+            if still:
+                self._refuse_turning_feed(machine, row, before, meant[-len(steps) :])
             new = self._blocks(row, tokens, own, texts, self.moves.inverse[k])
             if new != self.lines[row]:
                 changed += 1
                 added += len(steps) - 1
                 self.lines[row] = new
         self.added = added
-        self.lines = "".join(self.lines).splitlines(keepends=True) if added else self.lines
+        if added:  # bytes end a line at CR and LF only, text at U+0085 and others too
+            whole = "".join(self.lines).encode("latin-1")
+            self.lines = [line.decode("latin-1") for line in whole.splitlines(keepends=True)]
         self.nominal, self.meant = np.array(nominal), np.array(meant)
         self.meant_digits, self.written_at = np.array(digits_of_all, dtype=float), np.array(at)
         return changed
+
+    def _refuse_turning_feed(
+        self, machine: _Corrector, row: int, before: list[float], after: list[list[float]]
+    ) -> None:
+        """Refuse a turn with F in deg/min that the correction makes a move of linear axes as well."""
+        for j, axis in enumerate(self.moves.axes):
+            if not machine.turns[j] and any(place[j] != before[j] for place in after):
+                raise refuse_block(
+                    row + 1,
+                    "a feed move of axes of rotation alone",
+                    f"F is deg/min only while {axis} stands still, and the correction moves it: then F is the "
+                    "feed along the way of the linear axes, and the turn as fast as the machine can",
+                    "post-process it in inverse time (G93)",
+                )
 
     def _blocks(
         self,
@@ -561,9 +660,6 @@ class _Program:
         require_plain(tokens, row + 1, self.moves.axes)
         feed = ""
         if inverse:
-            if "F" not in own:
-                why = "in inverse time (G93) every block needs an F word"
-                raise refuse_block(row + 1, "a block to be split", why, "add F")
             feed = format_feed(own["F"].value * len(texts))
         body = block.rstrip("\r\n")
         eol = block[len(body) :]

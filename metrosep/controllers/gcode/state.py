@@ -135,6 +135,7 @@ class ModalState:
     stated_scale: bool = False  # whether program (or caller, for the diameter) said so
     stated_diameter: bool = False
     stated_absolute: bool = False
+    incremental: bool = False  # G91 of a home move is in force
     moved: bool = False  # whether there was a move, a feed move, a Z word
     cut: bool = False
     z_known: bool = False
@@ -329,7 +330,9 @@ class ModalState:
         elif code in _FEEDS:
             self.feed_mode = _FEEDS[code]
         elif code == 900:
-            self.stated_absolute = True
+            self.stated_absolute, self.incremental = True, False
+        elif code == 910 and any(w.letter == "G" and w.value in (28, 30) for w in words):
+            self.incremental = True
         elif code in (70, 80):
             self._seven(code, words, line)
         elif code in (50, 51):
@@ -367,6 +370,9 @@ class ModalState:
             self.note(_smoothing("G8 P"), line)
             return
         wanted = code == 70
+        if wanted and self.axes != _AXES:
+            why = "X words are diameters, the errors of the machine are those of its axis"
+            raise refuse_block(line, "G7", why, "post-process the path with radii (G8)")
         if self.moved and self.diameter is not wanted:
             why = "X changes between radius and diameter in the path"
             raise refuse_block(line, f"G{code // 10}", why, "keep one of them")
@@ -402,6 +408,8 @@ class ModalState:
     def _move(self, axes: set[str], codes: set[int], line: int) -> bool:
         if 40 in codes:
             return False
+        if self.incremental:
+            raise refuse_block(line, "a move in G91", *_REFUSED[910])
         if self.motion is None:
             why = "no G0 or G1 is in force"
             raise refuse_block(line, "a move", why, "state G0 or G1 before the first position")

@@ -54,7 +54,7 @@ _APPROACH = 10.0
 _SLACK = 0.2e-9
 """m: what a check may find beyond what is predicted."""
 _PLACES, _SEED = 20_000, 2020
-_MANY = 300_000
+_MOST_LOOKS = 900_000
 """Blocks above which each is looked at in its middle only."""
 _WHOLE_MS = 1e-9
 _MARGIN = 0.02
@@ -98,8 +98,10 @@ class ProgramCheck:
     planned : float, m, optional
         P-V of the part of the program that was to be written, cusps included; NaN without one.
     course : float, m, optional
-        P-V of what the tip is off in the middle of every block that touches the region; neighbouring turns
-        cut some of it away.
+        P-V of what the tip is off within every block that touches the region; neighbouring turns cut some of
+        it away.
+    gap : float, m, optional
+        Largest way of the tip between two looks at it: a feature that is shorter may go unseen.
     """
 
     part: VirtualPart
@@ -112,6 +114,7 @@ class ProgramCheck:
     messages: tuple[str, ...] = ()
     planned: float = math.nan
     course: float = math.nan
+    gap: float = math.nan
 
     @property
     def uncut(self) -> int:
@@ -500,6 +503,7 @@ def _sidecar(
             "cusp_nm": check.cusp,
             "without_cusps_nm": check.form_error,
             "tip_in_every_block_nm": check.course,
+            "tip_looked_at_every_nm": check.gap,
             "file_against_program_nm": check.difference,
             "digits_may_cost_nm": check.rounding,
         }
@@ -589,8 +593,10 @@ def check_program(
 
     Notes
     -----
-    The tip is compared with the lowest that cuts nothing in the middle of every block, and the part is
-    cut where it is furthest off: a feature that one turn meets is not left to chance. With `planned`
+    The tip is compared with the lowest that cuts nothing within every block, and the part is cut where it
+    is furthest off. Looks are as dense along the turns as the feed is across, but no more than 900,000 in
+    all and one a block or more: a feature shorter than `ProgramCheck.gap`, or narrower than the feed, may go
+    unseen. With `planned`
     every point is compared, acting at its contact.
     """
     low, high = region or touched_radii(program, nose, form)
@@ -605,7 +611,9 @@ def check_program(
     x, y = x[defined], y[defined]
     part = virtual_cut(program, nose, x, y, form=form, setting=setting)
     cut = np.isfinite(part.error)
-    said = [_GEOMETRY]
+    every = format_length(course.gap, digits=2)
+    unseen = f"the tip is looked at every {every} along the turns or closer: a shorter bump may go unseen"
+    said = [_GEOMETRY, unseen]
     cusp, left = math.nan, part.error[cut]
     if program.feed > 0.0:
         high_ = cusp_heights(
@@ -637,7 +645,7 @@ def check_program(
     digits = 0.0 if axes is None else rounding_error(axes, form, high)
     return ProgramCheck(
         part, part.peak_to_valley, cusp, float(np.ptp(left)), difference, digits, program.interpolation,
-        (*part.messages, *said), planned_pv, course.peak_to_valley,
+        (*part.messages, *said), planned_pv, course.peak_to_valley, course.gap,
     )  # fmt: skip
 
 
@@ -655,9 +663,16 @@ class _Course:
         self._program = program
         self._planned = planned if planned is not None and len(planned) == len(program) else None
         self.difference = 0.0
-        # lines are furthest off in the middle of a block; features as short as a block may be elsewhere
-        shares = [0.5] if len(program) > _MANY else [1.0 / 6.0, 0.5, 5.0 / 6.0]
-        pieces = course_pieces(program, form, edge, np.array(shares))
+        # along the turns as dense as they are across; odd, for lines are furthest off in the middle of a block
+        reach = np.maximum(np.abs(program.X[1:]), np.abs(program.X[:-1]))
+        way = np.hypot(np.diff(program.X), reach * np.diff(program.azimuth))
+        longest = float(way.max(initial=0.0))
+        wanted = longest / program.feed if program.feed > 0.0 else 1.0
+        most = max(1, _MOST_LOOKS // max(1, len(program)))
+        looks = int(min(max(3.0, math.ceil(wanted)), most))
+        looks -= 1 - looks % 2
+        self.gap = longest / looks
+        pieces = course_pieces(program, form, edge, (np.arange(looks) + 0.5) / looks)
         self.rho, self.theta, ends = worst_contacts(map(self._compared, pieces), region)
         self.peak_to_valley = ends[1] - ends[0]
 
