@@ -10,11 +10,11 @@ from dataclasses import replace
 from typing import Any
 
 from metrosep.app.evaluations import Evaluations
-from metrosep.app.separations import MethodResults
+from metrosep.app.separations import MethodResults, Separations, without_tables
 from metrosep.app.sessions import Session, is_extreme, mark_of
 from metrosep.app.wire import Answer, Cancel, Message, Tell, level_of, number_or_none, plain
-from metrosep.core.errors import DataError, MetrosepError, RecipeError
-from metrosep.recipe.pipeline import Stage
+from metrosep.core.errors import DataError, MetrosepError
+from metrosep.recipe.pipeline import CancelledError, Stage
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.result import Result
 from metrosep.recipe.step_help import step_words
@@ -41,20 +41,33 @@ def metrics(session: Session, message: Message, cancel: Cancel, tell: Tell) -> A
         }
         return header | nothing, {}
     tell({"k": "progress", "text": "separating" if opened.kind == "runs" else "computing"})
+    result, refused = _as_far_as_it_goes(opened.material, recipe, cancel)
+    header |= _of_document(result, session)
+    return header | ({"refused": session.words(str(refused))} if refused is not None else {}), {}
+
+
+def _as_far_as_it_goes(
+    material: Separations | MethodResults, recipe: Recipe, cancel: Cancel
+) -> tuple[Result, MetrosepError | None]:
+    """Return the numbers of a recipe, and why a limit cannot be judged or a table is refused.
+
+    With a limit or a table that is refused nothing is judged: a verdict is of the whole recipe.
+    """
     try:
-        result: Result = opened.material.result(recipe, cancel)
-    except RecipeError as exc:
-        if not recipe.checks:
+        return material.result(recipe, cancel), None
+    except CancelledError:
+        raise
+    except MetrosepError as exc:
+        refused = exc
+    unjudged, bare = replace(recipe, checks=()), replace(without_tables(recipe), checks=())
+    for less in [unjudged] * bool(recipe.checks) + [bare] * (bare.outputs != recipe.outputs):
+        try:
+            return material.result(less, cancel), refused
+        except CancelledError:
             raise
-        # a limit that cannot be judged: the numbers are still shown
-        plain_recipe = _without_checks(recipe)
-        result = opened.material.result(plain_recipe, cancel)
-        return header | _of_document(result, session) | {"refused": session.words(str(exc))}, {}
-    return header | _of_document(result, session), {}
-
-
-def _without_checks(recipe: Recipe) -> Recipe:
-    return replace(recipe, checks=())
+        except MetrosepError:
+            continue  # the first reason is what the page shows
+    raise refused
 
 
 def _of_document(result: Result, session: Session) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,14 @@ from metrosep.recipe.result import Result
 from metrosep.recipe.run import read_inputs, separate_inputs, separated_result, table_basis
 from metrosep.separation.runs.base import ErrorEstimate
 
-__all__ = ["MethodResults", "Separations", "described_controllers", "machine_facts", "sign_words"]
+__all__ = [
+    "MethodResults",
+    "Separations",
+    "described_controllers",
+    "machine_facts",
+    "sign_words",
+    "without_tables",
+]
 
 _MOST = 8
 """Separations that are remembered: undo and redo show them at once."""
@@ -82,7 +90,7 @@ class Separations:
         step = next(s for s in recipe.steps if s["op"] == "separate")
         key = _input_key(recipe) + text_key(step)
         found: ErrorEstimate = self._estimates.of(
-            key, lambda: separate_inputs(recipe, runs), cancel
+            key, lambda: separate_inputs(without_tables(recipe), runs), cancel
         )
         return found
 
@@ -122,9 +130,15 @@ class MethodResults:
 def _shown(recipe: Recipe) -> str:
     """Return what tells results apart: another view of a recipe gives no other numbers.
 
-    With the limits, which may have been left out of what the text says.
+    With the limits and the outputs, which may have been left out of what the text says.
     """
-    return f"{recipe.name}\0{recipe.recorded['text']}\0{text_key(recipe.checks)}"
+    judged = text_key([recipe.checks, recipe.outputs])
+    return f"{recipe.name}\0{recipe.recorded['text']}\0{judged}"
+
+
+def without_tables(recipe: Recipe) -> Recipe:
+    """Return a recipe without its tables: what is separated does not depend on them."""
+    return replace(recipe, outputs=tuple(o for o in recipe.outputs if o["kind"] != "table"))
 
 
 def _input_key(recipe: Recipe) -> str:

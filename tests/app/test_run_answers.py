@@ -456,3 +456,48 @@ def test_a_map_has_no_runs(tmp_path):
         page = Page(socket)
         assert "needs repeated runs" in page.refused("curves")
         assert "needs repeated runs" in page.refused("waves")
+
+
+# ---- a refused output ------------------------------------------------------------------------
+
+BEYOND = """
+[[check]]
+metric = "pv"
+upper = "10 um"
+[[output]]
+kind = "table"
+controller = "csv"
+axis = "X"
+compensates = "Z"
+spacing = "1 mm"
+reference = "200 mm"
+path = "x-z.csv"
+"""
+"""The place of zero correction lies outside the runs: `metrosep run` refuses the table."""
+
+
+def test_numbers_and_curves_stay_where_only_the_table_is_refused(tmp_path):
+    file = plant(tmp_path)
+    with opened(file) as page:
+        alone, _ = page.ok("metrics", level="full")
+        _, curves_alone = page.ok("curves", level="full")
+    file.write_text(file.read_text() + BEYOND)
+    with opened(file) as page:
+        header, _ = page.ok("metrics", level="full")
+        _, arrays = page.ok("curves", level="full")
+        table, _ = page.ok("table")
+
+    assert "reference" in header["refused"]
+    assert header["verdict"] is None  # although pv alone is within its limit
+    assert header["rows"] == alone["rows"]
+    assert sorted(arrays) == sorted(curves_alone)
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(array, curves_alone[name])
+    assert "reference" in table["refused"]["message"]
+
+
+def test_what_cannot_be_separated_is_still_refused(tmp_path):
+    file = plant(tmp_path)
+    file.write_text(file.read_text().replace('length = "48 mm"', 'length = "480 mm"') + BEYOND)
+    with opened(file) as page:
+        assert "is not covered by every run" in page.refused("metrics", level="full")

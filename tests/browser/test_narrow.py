@@ -71,3 +71,43 @@ def test_drawing_works_in_one_column(opened: Opened, map_file: Path) -> None:
     page.drag((x - 40, y), (30, 0))
     page.wait("document.querySelector('#shapes .draw-chip') !== null")
     assert page.run("document.documentElement.scrollWidth <= innerWidth")
+
+
+@pytest.mark.parametrize("width", [390, 320])
+def test_the_open_dialog_fits_a_telephone(opened: Opened, map_file: Path, width: int) -> None:
+    page = opened(map_file)
+    page.show(width, 844)
+    page.click("#open")
+    page.wait("document.querySelector('dialog[open] .files-list [role=option]') !== null")
+    assert page.run(
+        "(() => { const d = document.querySelector('dialog[open]'); return d.scrollWidth <= d.clientWidth; })()"
+    )
+    box = page.run(
+        "(() => { const b = document.getElementById('keep-recipe').getBoundingClientRect(); return [b.left, b.width]; })()"
+    )
+    assert box[0] > 0
+    assert box[1] > 8
+    page.press("Escape")
+    assert page.errors == []
+
+
+def test_high_contrast_shows_what_is_chosen_and_what_moves(opened: Opened, map_file: Path) -> None:
+    page = opened(map_file)
+    page.call(
+        "Emulation.setEmulatedMedia", features=[{"name": "forced-colors", "value": "active"}]
+    )
+    back = (
+        "((q, part) => getComputedStyle(document.querySelector(q), part ?? null).backgroundColor)"
+    )
+    page.wait("matchMedia('(forced-colors: active)').matches")
+    page.run(
+        "document.body.append(Object.assign(document.createElement('p'), "
+        "{ id: 'highlight', style: 'background: Highlight; forced-color-adjust: none' }))"
+    )
+    assert page.run(f"{back}('#tabs [aria-selected=true]') === {back}('#highlight')")
+    assert page.run(f"{back}('#tabs [aria-selected=false]') !== {back}('#highlight')")
+    line = f"{back}('.handle-upright', '::before')"
+    assert page.run(
+        f"document.querySelector('.handle-upright') !== null && {line} !== {back}('body')"
+    )
+    assert page.errors == []

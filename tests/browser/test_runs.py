@@ -270,6 +270,25 @@ def test_a_gap_is_not_drawn_over(opened: Opened, tmp_path: Path) -> None:
     assert drawn[(place > 30.5) & (place < 49.0)].mean() > 0.95
 
 
+def test_a_refused_table_leaves_numbers_and_curves(opened: Opened, recipe: Path) -> None:
+    """The range begins 10 mm later: outside the table the controller would make it worse."""
+    whole = recipe.read_text()
+    short = whole.replace('start = "0 mm"', 'start = "10 mm"').replace("70 mm", "50 mm", 1)
+    recipe.write_text(short)
+    page = opened(recipe, DONE)
+
+    assert printed(page, "pv")[0] > 0.5e-6
+    assert "No verdict" in page.text("#verdict")
+    assert "beyond the table" in page.text("#verdict")
+    page.click("#panel-runs input[value=separated]")
+    assert "separated error" in page.text(".runs-legend")
+    assert page.run("document.querySelector('.runs-message').hidden")
+    page.click("#tab-table")
+    page.wait("document.querySelector('.table-findings') !== null")
+    assert "beyond the table" in page.text(".table-findings")
+    assert page.errors == []
+
+
 def test_nothing_comes_from_outside(opened: Opened, recipe: Path) -> None:
     page = opened(recipe, DONE)
     for mode in ("separated", "change", "repeats"):

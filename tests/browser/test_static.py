@@ -14,7 +14,7 @@ OWN = sorted(p for p in STATIC.iterdir() if p.suffix in (".js", ".css", ".html")
 READABLE = 4.5
 """Contrast of text after WCAG 2, level AA."""
 
-LONGEST = 420
+LONGEST = 350
 
 
 def luminance(colour: str) -> float:

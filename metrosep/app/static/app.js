@@ -9,8 +9,8 @@ import { makeDrawing } from "./drawing.js";
 import { takeMenus } from "./editor.js";
 import { makeExports } from "./exports.js";
 import { listenToDrops, openPaths, uploadAll } from "./files.js";
-import { ago } from "./format.js";
 import { makeFollow } from "./follow.js";
+import { makeHeadline } from "./headline.js";
 import { makeHistory } from "./history.js";
 import { KEYS, listenToKeys } from "./keys.js";
 import { makeLadder } from "./ladder.js";
@@ -48,6 +48,7 @@ let started = 0;
 
 const wire = new Wire(`ws://${location.host}/ws?token=${encodeURIComponent(token)}`);
 const ladder = makeLadder(show, stop);
+const { drawSession, drawStage, drawFull, drawSaved, drawMessages } = makeHeadline({ session: () => session, stage: () => tree.chosen, notes: () => notes });
 const memory = makeMemory({ wire, session: () => session });
 const metrics = makeMetrics(el("metrics"), el("verdict"), edit);
 const tree = makeTree(el("steps"), {
@@ -194,52 +195,8 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
   if (changed && session.kind) ladder.climb();
 }
 
-function drawSession() {
-  const first = (session.files?.[0] ?? session.home ?? "").split(/[\\/]/).pop();
-  const more = (session.files?.length ?? 0) - 1;
-  const name = more > 0 ? `${first} and ${more} more` : first;
-  el("title").textContent = name || "no file";
-  el("title").title = (session.files ?? []).join("\n");
-  el("subtitle").textContent = session.title && !name?.startsWith(session.title) ? session.title : "";
-  document.title = name ? `${name} · metrosep` : "metrosep";
-  for (const which of ["undo", "redo"]) {
-    el(which).disabled = !session[`can_${which}`];
-    const label = session[`${which}_label`];
-    el(which).title = `${which === "undo" ? "Undo (Z)" : "Redo (Shift+Z)"}${label ? `: ${label}` : ""}`;
-  }
-  for (const id of ["recipe", "save", "export"]) el(id).disabled = !session.recipe;
-  drawSaved();
-  drawMessages();
-}
-
 /** The step that is shown; of all steps the last that is carried out. */
 const shownStep = () => (session.steps ?? [])[tree.chosen] ?? (tree.chosen === -1 ? session.steps?.findLast((/** @type {Dict} */ one) => one.enabled) : undefined);
-
-function drawStage() {
-  const i = tree.chosen;
-  const step = session.steps?.[i];
-  const words = i === -2 ? "as measured" : step ? `after step ${i + 1}, ${step.op}` : "after all steps";
-  el("map-stage").textContent = words;
-  el("profile-stage").textContent = words;
-}
-
-function drawFull(/** @type {string} */ state, /** @type {string} */ words) {
-  el("status-full").className = state;
-  el("status-full").textContent = words;
-}
-
-function drawSaved() {
-  const words = { waiting: "recipe: waiting for the disk…", failed: "recipe NOT kept: save it elsewhere" }[session.keeping];
-  el("status-saved").textContent = session.recipe ? words ?? `recipe ${ago(session.saved_at)}` : "";
-  el("status-saved").className = session.keeping === "failed" ? "lost" : "";
-}
-
-function drawMessages() {
-  const all = [...(session.messages ?? []), ...notes];
-  el("messages").hidden = all.length === 0;
-  el("messages").textContent = all.length === 1 ? all[0].slice(0, 110) : `${all.length} messages`;
-  el("messages").title = all.join("\n");
-}
 
 // ---- what is done ------------------------------------------------------------------------------
 

@@ -2,7 +2,8 @@
 // Drawing on the map: tools, shapes with handles, and their list. A gesture ends as one edit of the recipe;
 // while it lasts nothing is asked of the server.
 
-import { chipOf, drawBar, fieldsOf, fillBar, groupOf, linesOf, meant, nextName, node, SECOND, shapesOf, TOOLS } from "./drawing_parts.js";
+import { chipOf, drawBar, fieldsOf, fillBar, fitButton, groupOf, linesOf, marksOf, meant, node, SECOND, shapesOf, TOOLS } from "./drawing_parts.js";
+import { makeEdits, MOST_LINES } from "./drawing_edits.js";
 import { makeHandle, wheelFactor } from "./handles.js";
 import { gripsOf, kindOf, moved, pointText, setPixel, straightened, withCorner, withoutCorner, written } from "./shapes.js";
 
@@ -10,21 +11,8 @@ import { gripsOf, kindOf, moved, pointText, setPixel, straightened, withCorner, 
 /** @typedef {import("./shapes.js").Point} Point */
 /** @typedef {import("./drawing_parts.js").Shape} Shape */
 
-const MOST_LINES = 8;
 /** CSS pixels within which Alt finds a peak or valley. */
 const SNAP = 14;
-
-/** Peak and valley of each section that looks for them. @param {Dict[]} rows of the metrics @returns {Map<string, [Point, number][]>} */
-function marksOf(rows) {
-  const found = new Map();
-  const by = new Map(rows.map((row) => [row.symbol, row.value]));
-  for (const symbol of by.keys()) {
-    const name = /^section\.(.+)\.peak_x$/.exec(symbol)?.[1];
-    const place = (/** @type {string} */ what) => ["x", "y"].map((axis) => by.get(`section.${name}.${what}_${axis}`) ?? NaN);
-    if (name) found.set(name, [[place("peak"), 1], [place("valley"), -1]]);
-  }
-  return found;
-}
 
 /** @param {Dict} options el: the map, bar: of the tools, list: of the shapes; session(), edit(edits, label), insert(step, label), shown(a, b), say(text), place(request): peaks near a point, or the aperture */
 export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, place }) {
@@ -60,46 +48,23 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
 
   // ---- edits ----------------------------------------------------------------------------------
 
-  function change(/** @type {Shape} */ shape, /** @type {Dict} */ table) {
-    if (JSON.stringify(table) === JSON.stringify(shape.table)) return;
-    const path = shape.what === "step" ? ["step", shape.index, "aperture"] : ["section", shape.index];
-    edit([{ path, old: shape.table, new: table }], `${shape.name}: change`);
-  }
+  const { change, insertOrAdd, drop, turn } = makeEdits({ session, edit, insert, say });
 
   function add(/** @type {Dict} */ table) {
-    if (table.shape) {
-      insert({ op: "mask", aperture: table, ...(keep ? {} : { outside: false }) }, `${keep ? "keep" : "exclude"} a ${table.shape}`);
-      return;
-    }
-    const sections = session().sections ?? [];
-    if (table.kind === "line" && sections.filter((/** @type {Dict} */ s) => s.kind === "line").length >= MOST_LINES) {
-      say(`A map shows ${MOST_LINES} sections at most; delete one first.`);
-      return;
-    }
-    const name = nextName(sections, table.kind);
-    const { kind, ...rest } = table;
-    chosen = `section ${sections.length}`;
-    edit([{ path: ["section", sections.length], old: null, new: { kind, name, ...rest } }], `add ${name}`);
+    chosen = insertOrAdd(table, keep) ?? chosen;
   }
 
   function remove() {
     const shape = current();
-    if (!shape) return;
-    const step = session().steps?.[shape.index];
-    const [path, old] = shape.what === "step" ? [["step", shape.index], step.stored] : [["section", shape.index], shape.table];
     chosen = "";
-    edit([{ path, old, new: null }], `delete ${shape.name}`);
+    if (shape) drop(shape);
   }
 
   function flip() {
     const shape = current();
-    if (shape?.what === "step") {
-      const old = session().steps[shape.index].keys.outside ?? null;
-      edit([{ path: ["step", shape.index, "outside"], old, new: shape.keep ? false : null }], `${shape.name}: ${shape.keep ? "exclude" : "keep"}`);
-      return;
-    }
+    if (shape?.what === "step") return turn(shape);
     keep = !keep;
-    drawBar(bar, tool, keep);
+    return drawBar(bar, tool, keep);
   }
 
   // ---- gestures -------------------------------------------------------------------------------
@@ -339,17 +304,10 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
     drawAll();
   }
 
-  function fitButton(/** @type {Shape} */ shape) {
-    const button = document.createElement("button");
-    Object.assign(button, { type: "button", className: "small", textContent: "fit to aperture", title: "Middle of what was measured, 2 % inside its rim" });
-    button.addEventListener("click", () => fitAperture(shape));
-    return button;
-  }
-
   function drawList() {
     const shape = current();
     const had = /** @type {HTMLElement | null} */ (document.activeElement)?.dataset?.shape;
-    list.replaceChildren(...shapes().map((one) => chipOf(one, one.index % MOST_LINES, one.id === chosen, choose)), ...(shape ? fieldsOf(shape, change) : []), ...(shape?.table.kind === "circle" ? [fitButton(shape)] : []));
+    list.replaceChildren(...shapes().map((one) => chipOf(one, one.index % MOST_LINES, one.id === chosen, choose)), ...(shape ? fieldsOf(shape, change) : []), ...(shape?.table.kind === "circle" ? [fitButton(() => fitAperture(shape))] : []));
     list.hidden = !list.childElementCount;
     if (had) /** @type {HTMLElement | null} */ (list.querySelector(`[data-shape="${had}"]`))?.focus();
   }

@@ -171,3 +171,23 @@ export function groupOf(table, fitted, name, toScreen, scale, marks = []) {
   }
   return group;
 }
+
+/** Peak and valley of each section that looks for them. @param {Dict[]} rows of the metrics @returns {Map<string, [Point, number][]>} */
+export function marksOf(rows) {
+  const found = new Map();
+  const by = new Map(rows.map((row) => [row.symbol, row.value]));
+  for (const symbol of by.keys()) {
+    const name = /^section\.(.+)\.peak_x$/.exec(symbol)?.[1];
+    const place = (/** @type {string} */ what) => ["x", "y"].map((axis) => by.get(`section.${name}.${what}_${axis}`) ?? NaN);
+    if (name) found.set(name, [[place("peak"), 1], [place("valley"), -1]]);
+  }
+  return found;
+}
+
+/** A button that lays a round section into what was measured. @param {() => void} act */
+export function fitButton(act) {
+  const button = document.createElement("button");
+  Object.assign(button, { type: "button", className: "small", textContent: "fit to aperture", title: "Middle of what was measured, 2 % inside its rim" });
+  button.addEventListener("click", act);
+  return button;
+}

@@ -7,16 +7,15 @@ import fourierWidget from "./fourier.js";
 import heightsWidget from "./heights.js";
 import polarWidget from "./polar.js";
 import { written } from "./shapes.js";
-import { download } from "./dialogs.js";
 import { si } from "./format.js";
 import mapWidget from "./map.js";
-import { makeRelief } from "./relief.js";
 import { gapped } from "./plots.js";
 import profileWidget from "./profile.js";
 import { bandOf, bandView, sectionOf, sectionView } from "./remember.js";
 import sectionWidget from "./section.js";
 import spectrumWidget from "./spectrum.js";
 import { listenToParts } from "./tabs.js";
+import { makeReliefView, makeWholeViews } from "./whole_views.js";
 import { makeModel, Refusal, Superseded } from "./wire.js";
 
 /** @typedef {import("./ladder.js").Level} Level */
@@ -81,27 +80,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
   polarWidget.render({ model: polar, el: el("polar") });
   profileWidget.render({ model: profile, el: el("profile") });
 
-  /** @type {ReturnType<typeof makeRelief> | null} */
-  let relief = null; // made when it is asked for
-  async function askRelief(/** @type {Level} */ at = level()) {
-    if (el("relief").hidden || kind() !== "map") return;
-    const mine = epoch;
-    try {
-      const { header, arrays } = await wire.ask("relief", { stage: stage(), level: at, side: 512 });
-      if (mine === epoch) relief?.put(header, arrays);
-    } catch (error) {
-      refused(error, (text) => (el("map-message").textContent = text));
-    }
-  }
-  el("relief-on").addEventListener("click", () => {
-    const on = el("relief").hidden;
-    for (const id of ["map", "tools", "shapes"]) el(id).hidden = on || (id === "shapes" && !el(id).childElementCount);
-    el("relief").hidden = el("relief-save").hidden = !on;
-    el("relief-on").setAttribute("aria-pressed", String(on));
-    relief ??= makeRelief(el("relief"), { table: () => map.get("colours"), lines });
-    askRelief();
-  });
-  el("relief-save").addEventListener("click", () => relief?.picture().toBlob((blob) => blob && download(blob, "map-3d.png")));
+  const { ask: askRelief, paint: paintRelief } = makeReliefView({ wire, level, stage, kind, lines, epoch: () => epoch, refused, table: () => map.get("colours") });
 
   listenToParts(el("parts"));
 
@@ -191,42 +170,11 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     }
   }
 
-  /** How the heights are shared out, where that is shown. */
-  async function askHeights(/** @type {Level} */ at = level()) {
-    if (lower() !== "heights") return;
-    const mine = epoch;
-    try {
-      const { header, arrays } = await wire.ask("heights", { stage: stage(), level: at, at: heights.get("at") });
-      if (mine !== epoch) return;
-      heights.put({ edges: arrays.edges, shares: arrays.shares, curve: arrays.curve, is_preview: header.is_preview, message: "" });
-      if (!heights.get("at")) heights.put({ at: header.at });
-      heights.put({ of: header.at, ratios: header.ratios, heights: arrays.heights });
-      counted("spectrum");
-    } catch (error) {
-      refused(error, (text) => heights.put({ edges: null, shares: null, curve: null, ratios: null, message: text, heights: null }));
-    }
-  }
-
-  /** The waves in all directions, where they are shown. */
-  async function askWaves(/** @type {Level} */ at = level()) {
-    if (lower() !== "waves2d" || kind() !== "map") return;
-    const mine = epoch;
-    try {
-      const { header, arrays } = await wire.ask("waves2d", { stage: stage(), level: at });
-      if (mine !== epoch) return;
-      const [short, long] = [2.2 / Math.max(header.window[2], header.window[3]), 8 / header.window[2]];
-      if (!waves.get("ring")) waves.put({ ring: [2 * short, Math.max(long, 4 * short)] });
-      waves.put({ shape: arrays.index.shape, window: header.window, amplitude: header.amplitude, decades: header.decades,
-        peak: header.peak, notes: header.notes, is_preview: header.is_preview, message: "", index: arrays.index });
-      counted("spectrum");
-    } catch (error) {
-      refused(error, (text) => waves.put({ index: null, message: text }));
-    }
-  }
-
   /** What stands in the lower panel: along the section, or of the whole map. */
   const choice = /** @type {HTMLSelectElement} */ (el("lower"));
   const lower = () => (kind() === "map" || choice.value === "heights" ? choice.value : "line");
+  const { askHeights, askWaves } = makeWholeViews({ wire, level, stage, kind, lower, heights, waves, epoch: () => epoch, refused, counted: () => counted("spectrum") });
+
   function drawLower() {
     for (const option of choice.options) option.hidden = kind() !== "map" && ["waves2d", "polar"].includes(option.value);
     for (const id of ["heights", "waves2d", "polar"]) el(id).hidden = lower() !== id;
@@ -386,7 +334,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       localStorage.setItem("colours", name);
       map.put({ colours: name });
       waves.put({ colours: name });
-      relief?.paint();
+      paintRelief();
       shown({ colours: name });
     },
     /** Largest side of what was measured, m. */
