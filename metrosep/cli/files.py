@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from metrosep.cli.options import file_options, json_option, override_option, read_aloud, say
+from metrosep.cli.options import file_options, json_option, override_option, phase, read_aloud, say
 
 if TYPE_CHECKING:
     from metrosep.controllers.base import Dialect
@@ -169,7 +169,9 @@ def convert(
 
     if Path(target).exists() and not force:
         raise WriteError(f"{target}: exists already; choose another name or give --force")
+    phase(f"reading {source}")
     obj = read_aloud(source, reading)
+    phase(f"writing {target}")
     write(obj, target, format=target_format)
     say(f"{obj!r} -> {target}")
     name = (target_format or Path(target).suffix.lstrip(".")).lower()

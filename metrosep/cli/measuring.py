@@ -561,7 +561,9 @@ def form(
         "direction": direction,
         "centre": None if centre is None else [c.strip() for c in centre.split(",")],
     }
+    phase(f"reading {file}")
     obj = read_aloud(file, reading)
+    phase(f"fitting {form_text.partition(':')[0]} to {Path(file).name}")
     try:
         given = {k: v for k, v in step.items() if v is not None}
         result = run_step(obj, {"op": "form", **given}).detail

@@ -118,9 +118,13 @@ def report(
 
         with Register.held(folder):
             change = _issued(files[0], folder, change)
-            # first: a number is never free again by a full disk
+            name = _file_name(change.register.issued[-1])
+            _require_reports(
+                RenderTask(files[0], name, folder, writers, alone=True, change=change)
+            )
+            # before the reports: a number is never free again by a full disk
             place = change.register.write(folder)
-        names = [_file_name(change.register.issued[-1])]
+        names = [name]
         if not quiet:
             say(f"issued   {place}")
     tasks = [
@@ -145,6 +149,16 @@ def report(
     if documents:
         _write_together(documents, folder, writers, quiet=quiet)
     return 4 if unread else 0
+
+
+def _require_reports(task: RenderTask) -> None:
+    """Make the reports where nobody sees them, so that no number is issued for what cannot be made."""
+    from tempfile import TemporaryDirectory
+
+    with TemporaryDirectory(prefix="metrosep-") as name:
+        made = rendered(replace(task, folder=Path(name)))
+    if made.missing or made.unread:
+        raise click.ClickException(f"{made.missing or made.unread}; the number was not issued")
 
 
 def _change_of(
@@ -495,11 +509,13 @@ def diff(a: str, b: str, tolerances: tuple[str, ...], as_json: bool) -> int:
     allowed: dict[str, float | str] = dict(pairs)
     if len(allowed) < len(pairs):
         raise click.UsageError("--tolerance names a value twice; give one tolerance for each")
+    phase(f"reading {a} and {b}")
     (kind, one), (kind_b, two) = _load(a), _load(b)
     if kind != kind_b:
         raise click.UsageError(f"{a} is a {kind} and {b} is a {kind_b}; give two of one kind")
     if kind == "recipe" and allowed:
         raise click.UsageError("--tolerance is for values; recipes are compared key by key")
+    phase(f"comparing {a} and {b}")
     try:
         found = _compared(kind, one, two, allowed, (a, b))
     except DataError as exc:

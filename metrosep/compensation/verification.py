@@ -18,6 +18,7 @@ from metrosep.compensation._acceptance import (
 )
 from metrosep.compensation.area_errors import LENGTHS, AxisUnits, format_span
 from metrosep.compensation.limits import Finding, Stated
+from metrosep.core.public import shortened
 
 __all__ = [
     "DIRECTION_NAMES",
@@ -80,7 +81,7 @@ class DirectionResidual:
     u_before_pv: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Verification(Judged):
     """Result of a dry-run.
 
@@ -129,6 +130,15 @@ class Verification(Judged):
     lost_motion: LostMotion | None = None
     unproven: tuple[int, ...] = ()
     units: AxisUnits = LENGTHS
+
+    def __repr__(self) -> str:
+        j, amount = self.judgement, self.units.amount
+        rms = (j.energy, max(j.energy - j.improvement.value, 0.0))
+        before, after = (amount(math.sqrt(v)) for v in rms)
+        on = f"{self.n_runs} runs" if self.n_runs else "the stated error"
+        return shortened(
+            f"Verification({self.grade}, RMS that repeats {before} -> {after}, gain {j.gain:.4g}, {on})"
+        )
 
     @property
     def u_gain(self) -> float:

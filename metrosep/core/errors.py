@@ -61,6 +61,7 @@ __all__ = [
     "OptionRangeError",
     "PointlessTableError",
     "ReadError",
+    "ReadNameError",
     "ReadOptionError",
     "RecipeError",
     "RecipeMissingError",
@@ -143,11 +144,11 @@ class UnknownFormatError(ReadError, ValueError):
     """No reader recognises the content of the file."""
 
 
-class AmbiguousFormatError(ReadError):
+class AmbiguousFormatError(ReadError, ValueError):
     """More than one reader is sure of the content; name one with ``format=``."""
 
 
-class FormatMismatchError(ReadError):
+class FormatMismatchError(ReadError, ValueError):
     """The content is not what the caller declared (a column, a unit, a format)."""
 
 
@@ -251,6 +252,10 @@ class OptionError(DataError, TypeError):
 
 class NameNotFoundError(DataError, KeyError):
     """No channel, column, part or parameter has that name."""
+
+
+class ReadNameError(FormatMismatchError, NameNotFoundError):
+    """The file holds no column, channel, worksheet or term of the name that the caller gave."""
 
 
 class ReadOptionError(FormatMismatchError, OptionError):

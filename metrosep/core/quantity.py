@@ -9,7 +9,7 @@ from typing import Any
 from metrosep.core.errors import DataError, UnitError
 from metrosep.core.numbers import is_real, real
 from metrosep.core.public import PublicObject, shortened
-from metrosep.core.units import format_engineering
+from metrosep.core.units import format_engineering, parse_quantity, parse_unit
 
 __all__ = ["Quantity"]
 
@@ -97,6 +97,38 @@ class Quantity(PublicObject):
     def __truediv__(self, other: Any) -> Any:
         """Return the quantity over a number."""
         return self * (1.0 / real(other, "a divisor")) if is_real(other) else NotImplemented
+
+    def __abs__(self) -> Quantity:
+        return replace(self, value=abs(self.value), symbol="")
+
+    def _other_side(self, other: Any) -> float:
+        """Return the value that it is compared with, in its own unit."""
+        if isinstance(other, str):
+            return parse_quantity(other, dimension=parse_unit(self.unit).dimension)
+        if is_real(other) and self.unit == "1":
+            return real(other, "a limit", finite=False)
+        if isinstance(other, Quantity) and other.unit == self.unit:
+            return other.value
+        what = (
+            f"{other.definition} in {other.unit}" if isinstance(other, Quantity) else repr(other)
+        )
+        raise UnitError(
+            f"{self.definition} in {self.unit} cannot be compared with {what}; compare it with a "
+            "quantity of the same unit, or with a text with its unit"
+        )
+
+    def __lt__(self, other: Any) -> bool:
+        """Return whether the value is smaller; u does not count, and NaN is neither smaller nor larger."""
+        return self.value < self._other_side(other)
+
+    def __le__(self, other: Any) -> bool:
+        return self.value <= self._other_side(other)
+
+    def __gt__(self, other: Any) -> bool:
+        return self.value > self._other_side(other)
+
+    def __ge__(self, other: Any) -> bool:
+        return self.value >= self._other_side(other)
 
     def __neg__(self) -> Quantity:
         return replace(self, value=-self.value, symbol="")

@@ -18,6 +18,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
     FormatMismatchError,
+    ReadNameError,
     ReadOptionError,
     UnsupportedFeatureError,
 )
@@ -234,7 +235,7 @@ def _names(
         return tuple(units)
     for name in channels:
         if name not in units:
-            raise FormatMismatchError(
+            raise ReadNameError(
                 f"{file.path}: has no channel {name!r}; the channels are {', '.join(list(units)[:20])}"
             )
     return tuple(channels)

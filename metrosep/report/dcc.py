@@ -152,8 +152,9 @@ def render_dcc(document: Document, *, pdf: bytes | None = None) -> bytes:
         )
     units = {r.unit: dsi_unit(r.unit) for r in characteristic_rows(document)}
     if pdf is None:
-        from metrosep.report.typeset import render_pdf
+        from metrosep.report.typeset import render_pdf, require_typst
 
+        require_typst("the page in a digital certificate", "dcc")
         pdf = render_pdf(document, standard="a-2b")
     fields, c = fields_of(document), certificate(document)
     language = languages_of(document)[0]

@@ -67,7 +67,8 @@ def render_pdf(document: Mapping[str, Any], *, standard: str | None = None) -> b
         raise DataError(
             f"PDF standard {standard!r} is not offered; there are {', '.join(PDF_STANDARDS)}"
         )
-    typst = _typst()
+    plainer = "; or ask for the plainer pages of matplotlib: --pdf-engine matplotlib"
+    typst = require_typst("a PDF report", "pdf", plainer)
     data, figures = _data(document)
     data |= {"attached": standard != "a-2b", "dated": standard is not None}
     with TemporaryDirectory(prefix="metrosep-") as name:
@@ -171,13 +172,14 @@ def _script(letters: Sequence[str]) -> str:
     return " and ".join([*found][:2]) or "needed"
 
 
-def _typst() -> Any:
+def require_typst(what: str, extra: str, otherwise: str = "") -> Any:
+    """Return the module, or say what needs it and how it is installed."""
     try:
         import typst
     except ImportError:
         raise UnsupportedFeatureError(
-            'PDF reports need typst, which is not installed; install it: pip install "metrosep[pdf]"; '
-            "or ask for the plainer pages of matplotlib: --pdf-engine matplotlib"
+            f"{what} needs typst, which is not installed; install it: pip install "
+            f'"metrosep[{extra}]"{otherwise}'
         ) from None
     return typst
 

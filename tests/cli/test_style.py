@@ -198,6 +198,9 @@ def test_a_long_command_says_what_it_is_at(monkeypatch, capsys):
         ("measure {map} --form sphere --params Sq", "measuring"),
         ('psd {map} --limit "rms = 5 nm from 0.3 mm to 3 mm" -o {out}/psd', "writing the report"),
         ("report {result} -o {out} --format csv", "1 of 1 reports"),
+        ("form {map} --form plane", "fitting plane to measured.sdf"),
+        ("convert {map} {out}/part.x3p", "writing "),
+        ("diff {result} {result}", "comparing "),
     ],
 )
 def test_verbs_beside_the_recipe_name_their_phase(words, phase, repository, tmp_path, monkeypatch):

@@ -369,6 +369,18 @@ def test_estimate_proves_itself_on_other_runs(both_ways, both_ways_table, both_w
         both_ways_table.negated().verify(both_ways.runs)
 
 
+def test_the_line_of_a_verification_has_its_grade_and_numbers():
+    result = dry_run(
+        lambda p, _: -0.5 * wave(p), Profile(X, wave(X)), span=(0.0, L), on_axis=False
+    )
+
+    line = repr(result)
+
+    assert len(line) <= 100
+    assert line.startswith(f"Verification({result.grade}, RMS that repeats ")
+    assert line.endswith(f"gain {result.gain:.4g}, the stated error)")
+
+
 def test_scaling_scales_every_number():
     small = dry_run(
         lambda p, _: -0.5 * wave(p), Profile(X, wave(X)), span=(0.0, L), on_axis=False

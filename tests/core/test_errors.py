@@ -66,3 +66,32 @@ def test_reading_in_a_pool_of_processes_tells_the_file(tmp_path):
         pytest.raises(errors.CorruptFileError, match=r"cut\.x3p"),
     ):
         pool.submit(ms.read, path).result()
+
+
+WRONG_NAMES = [
+    ({"x": "nope", "z": "z_um"}, "has no x column 'nope'"),
+    ({"x": "x_mm", "z": "z_nm"}, "did you mean 'z_um'"),
+]
+
+
+@pytest.mark.parametrize(("columns", "said"), WRONG_NAMES)
+@pytest.mark.parametrize("native", [KeyError, ValueError, ms.errors.ReadError])
+def test_a_column_that_is_not_there_is_an_error_of_python_too(columns, said, native, tmp_path):
+    file = tmp_path / "runs.csv"
+    file.write_text("x_mm,z_um\n0,1\n1,3\n2,2\n")
+
+    with pytest.raises(native) as caught:
+        ms.read_runs(file, **columns)
+
+    assert said in str(caught.value)
+    assert str(caught.value).startswith(str(file))  # a KeyError would print its repr
+
+
+def test_every_error_about_what_the_caller_gave_has_a_native_base():
+    for name in (
+        "FormatMismatchError",
+        "AmbiguousFormatError",
+        "ReadNameError",
+        "ReadOptionError",
+    ):
+        assert issubclass(getattr(errors, name), ValueError), name

@@ -21,6 +21,7 @@ WANTED = {
     "OptionError": 2,
     "OptionRangeError": 2,
     "ReadOptionError": 2,
+    "ReadNameError": 4,
     "WriteOptionError": 2,
     "ReadError": 4,
     "FileMissingError": 4,

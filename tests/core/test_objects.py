@@ -1,11 +1,13 @@
 """Profile, Surface, Recording, Quantity: frozen, SI, NaN kept, asymmetry kept."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
 
 import metrosep as ms
+from metrosep.core.quantity import Quantity
 from metrosep.errors import (
     CorruptFileError,
     DataError,
@@ -14,6 +16,7 @@ from metrosep.errors import (
     NameNotFoundError,
     NotUniformError,
     TooFewSamplesError,
+    UnitError,
 )
 
 PM = 1e-12
@@ -186,3 +189,25 @@ def test_heights_that_are_no_numbers_are_never_metres(heights):
         ms.Surface(heights, 1e-6, 1e-6)
     with pytest.raises(InvalidSamplesError, match="z must hold real numbers"):
         ms.Profile([0.0, 1e-6], np.asarray(heights)[0])
+
+
+def test_quantities_compare_by_value_in_one_unit():
+    small, large = Quantity(-4e-9, "m", "a"), Quantity(3e-9, "m", "b", u=1e-9)
+
+    assert small < large <= large
+    assert not small > large
+    assert large > small
+    assert sorted([large, small]) == [small, large]
+    assert small < "-3 nm"
+    assert large >= "0.003 um"
+    assert abs(small) > large
+    assert float(abs(small)) == 4e-9
+    assert Quantity(2.0, "1", "Ssk") < 3
+    assert not Quantity(math.nan, "m", "c") < large
+    assert not Quantity(math.nan, "m", "c") > large
+
+
+@pytest.mark.parametrize("other", ["5 deg", "5", 3e-9, None, Quantity(1.0, "rad", "tilt")])
+def test_a_quantity_is_not_compared_with_another_dimension(other):
+    with pytest.raises(UnitError):
+        assert Quantity(3e-9, "m", "b") < other

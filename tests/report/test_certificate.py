@@ -6,6 +6,7 @@ import re
 import shutil
 import struct
 import subprocess
+import sys
 import tomllib
 import zlib
 from html import unescape
@@ -494,6 +495,22 @@ def test_issuing_without_a_serial_writes_nothing(results, tmp_path, capsys):
     assert issue(results[0], out, *FIELDS[:-2]) == 2
     assert "item.serial" in capsys.readouterr().err
     assert not out.exists() or not [*out.iterdir()]
+
+
+def test_no_number_is_issued_for_a_certificate_that_cannot_be_made(
+    results, tmp_path, capsys, monkeypatch
+):
+    out = tmp_path / "issued"
+    assert (
+        issue(results[0], out, *FIELDS, "--format", "dcc") == 2
+    )  # a place and a customer are missing
+    said = capsys.readouterr().err
+    assert "customer.name" in said
+    assert "was not issued" in said
+    monkeypatch.setitem(sys.modules, "typst", None)  # as where it is not installed
+    assert issue(results[0], out, *FIELDS, "--format", "pdf") == 2
+    assert 'pip install "metrosep[pdf]"' in capsys.readouterr().err
+    assert not [*out.iterdir()]
 
 
 def test_a_number_without_issue_is_refused(results, tmp_path, capsys):

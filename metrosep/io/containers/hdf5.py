@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, FormatMismatchError
+from metrosep.core.errors import DataError, FormatMismatchError, ReadNameError
 from metrosep.core.profile import Profile
 from metrosep.core.public import state_of
 from metrosep.core.recording import Recording
@@ -211,7 +211,7 @@ def _chosen(
 ) -> list[str]:
     """Return the lines that are as long as the longest one, or the one asked for and the times."""
     if channel is not None and channel not in lines:
-        raise FormatMismatchError(
+        raise ReadNameError(
             f"{file.path}: has no dataset {channel!r}; there is {_listed([*maps, *lines])}"
         )
     if not lines:

@@ -17,7 +17,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import (
+    CorruptFileError,
+    FormatMismatchError,
+    ReadNameError,
+    UnsupportedFeatureError,
+)
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
@@ -150,7 +155,7 @@ def _missing(file: RawFile, values: Values, channel: str) -> FormatMismatchError
             f"{file.path}: {channel!r} is complex, sparse, an object or a function; in MATLAB save "
             "real and full numbers, such as full(real(...))"
         )
-    return FormatMismatchError(
+    return ReadNameError(
         f"{file.path}: has no matrix or vector {channel!r}; there is {_listed(file)}"
     )
 

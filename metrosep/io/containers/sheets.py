@@ -27,6 +27,7 @@ from metrosep.core.errors import (
     CorruptFileError,
     FormatMismatchError,
     ReadError,
+    ReadNameError,
     ReadOptionError,
     UnsupportedFeatureError,
 )
@@ -259,7 +260,7 @@ class _Container:
             return same[0]
         near = difflib.get_close_matches(wanted, found, n=1)
         hint = f"; did you mean sheet={near[0]!r}?" if near else "; name one of them with sheet="
-        raise FormatMismatchError(
+        raise ReadNameError(
             f"{self.file.path}: has no {self.kind} {wanted!r} with numbers; there is {listed or 'none'}{hint}"
         )
 

@@ -21,6 +21,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
     FormatMismatchError,
+    ReadNameError,
     UnitError,
     UnsupportedFeatureError,
 )
@@ -171,7 +172,7 @@ def _chosen(
     file: RawFile, known: Mapping[str, TdmsChannel], group: str | None, channel: str | None
 ) -> dict[str, TdmsChannel]:
     if channel is not None and channel not in known:
-        raise FormatMismatchError(
+        raise ReadNameError(
             f"{file.path}: has no channel {channel!r} with samples; the channels are "
             f"{', '.join(list(known)[:20])}"
         )
@@ -182,7 +183,7 @@ def _chosen(
     }
     if not chosen:
         groups = ", ".join(list(dict.fromkeys(c.group for c in known.values()))[:20])
-        raise FormatMismatchError(
+        raise ReadNameError(
             f"{file.path}: has no such channel in group {group!r}; the groups are {groups}"
         )
     return chosen
@@ -303,7 +304,7 @@ def _by_channel(
     unit: Any,
 ) -> dict[str, FloatArray]:
     if time not in chosen or len(chosen) < 2:
-        raise FormatMismatchError(
+        raise ReadNameError(
             f"{file.path}: has no channel {time!r} beside others; the channels are "
             f"{', '.join(list(chosen)[:20])}"
         )

@@ -19,6 +19,7 @@ from metrosep.core.errors import (
     CorruptFileError,
     FormatMismatchError,
     ReadError,
+    ReadNameError,
     UnitError,
 )
 from metrosep.core.text_options import TextOptions
@@ -379,7 +380,7 @@ def find_column(wanted: str, names: Sequence[str], path: object, *, role: str) -
     guess = next((n for n in names if near and n.casefold() == near[0]), None)
     odd = encoding_hint(names)
     hint = f"; did you mean {guess!r}?" if guess else f"; {odd}" if odd else ""
-    raise FormatMismatchError(
+    raise ReadNameError(
         f"{path}: has no {role} column {wanted!r}; the columns are {', '.join(names)}{hint}"
     )
 

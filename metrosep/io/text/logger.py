@@ -18,7 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, FormatMismatchError, ReadError, UnitError
+from metrosep.core.errors import (
+    DataError,
+    FormatMismatchError,
+    ReadError,
+    ReadNameError,
+    UnitError,
+)
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.units import Unit, parse_unit
@@ -134,7 +140,7 @@ def with_units(file: RawFile, labels: Mapping[str, str], unit: Any) -> dict[str,
         )
     for name, text in unit.items():
         if name not in known:
-            raise FormatMismatchError(
+            raise ReadNameError(
                 f"{file.path}: has no channel {name!r}; the channels are {', '.join(known)}"
             )
         declared, own = parse_unit(str(text)), known[name]
@@ -229,7 +235,7 @@ class Channels:
         if channel is None:
             return self.names
         if channel not in self._values:
-            raise FormatMismatchError(
+            raise ReadNameError(
                 f"{self._file.path}: has no channel {channel!r}; the channels are "
                 f"{', '.join(self.names[:20])}"
             )

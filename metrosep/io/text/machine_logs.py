@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import FormatMismatchError
+from metrosep.core.errors import ReadNameError
 from metrosep.core.recording import Recording
 from metrosep.io.declared import Match
 from metrosep.io.registry import BuiltIn, demand, mismatch, sniffer
@@ -83,7 +83,7 @@ class _Items:
         """Return the items as a recording that begins with the earliest of them."""
         items = {n: v for n, v in self.values.items() if any(x == x for x in v.values())}
         if channel is not None and channel not in items:
-            raise FormatMismatchError(
+            raise ReadNameError(
                 f"{self.file.path}: has no item {channel!r} of numbers; there is {', '.join([*items][:20])}"
             )
         if not items:

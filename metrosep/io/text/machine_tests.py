@@ -12,6 +12,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
     FormatMismatchError,
+    ReadNameError,
     UnitError,
     UnsupportedFeatureError,
 )
@@ -92,7 +93,8 @@ def _etalon_read(
         reason = "holds several terms" if channel is None else f"has no term {channel!r}"
         if not profiles:
             reason = "holds no length term over a linear axis"
-        raise FormatMismatchError(
+        wrong = FormatMismatchError if channel is None else ReadNameError
+        raise wrong(
             f"{file.path}: {reason}; the terms are {', '.join(list(terms)[:40])}; choose a length term with "
             "channel="
         )
@@ -266,7 +268,8 @@ def _iso230_2_list_read(
     test = _test(file)
     if channel not in test.runs:
         reason = "holds several runs" if channel is None else f"has no run {channel!r}"
-        raise FormatMismatchError(
+        wrong = FormatMismatchError if channel is None else ReadNameError
+        raise wrong(
             f"{file.path}: {reason}; choose one with channel=: {', '.join(test.runs[:20])}; their mean is "
             "not formed here"
         )

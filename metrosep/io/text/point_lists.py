@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
+from metrosep.core.errors import ReadError, ReadNameError, UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.declared import Match
@@ -132,7 +132,7 @@ def _units(file: RawFile, unit: Any) -> tuple[Unit, Unit]:
     elif isinstance(unit, Mapping):
         unknown = [str(k) for k in unit if k not in _NAMES]
         if unknown:
-            raise FormatMismatchError(
+            raise ReadNameError(
                 f"{file.path}: has no column {unknown[0]!r}; the columns with a unit are X and Y"
             )
         pair = [str(unit.get(name, "um")) for name in _NAMES]
@@ -177,7 +177,7 @@ def _choose(file: RawFile, labels: tuple[str, ...], channel: str | None) -> str:
     for label in labels:
         if label.lower() == channel.strip().lower():
             return label
-    raise FormatMismatchError(
+    raise ReadNameError(
         f"{file.path}: has no slice {channel!r}; the slices are "
         f"{', '.join(repr(s) for s in labels[:20])}"
     )

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import FormatMismatchError, ReadError
+from metrosep.core.errors import FormatMismatchError, ReadError, ReadNameError
 from metrosep.core.numbers import count, positive
 from metrosep.core.recording import Recording
 from metrosep.core.units import parse_unit
@@ -252,7 +252,7 @@ def scales_of(file: RawFile, scale: Any, names: Sequence[str]) -> dict[str, tupl
     if isinstance(scale, Mapping):
         unknown = [str(name) for name in scale if name not in names]
         if unknown:
-            raise FormatMismatchError(
+            raise ReadNameError(
                 f"{file.path}: has no channel {unknown[0]!r}; the channels are {', '.join(names[:20])}"
             )
         return {n: _scale(file, scale[n]) if n in scale else (1.0, "") for n in names}
