@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+import math
 import os
 import re
 import stat
@@ -332,19 +333,26 @@ def _sets(
         for n in names
         if place / n not in files and any("/" not in p and _matches(n, p) for p in patterns)
     ]
-    own = [] if apart is None else [f for f in files if _holds_runs(f, apart)]
+    held = {} if apart is None else {f: _feeds_held(f, apart) for f in files}
+    own = [f for f, feeds in held.items() if feeds is not None and len(feeds) != 1]
+    one = {f: feeds[0] for f, feeds in held.items() if feeds is not None and len(feeds) == 1}
+    if len(set(one.values())) < len(one):  # else a set is one file for each feedrate
+        own = sorted([*own, *one])
     for file in own:
         yield file, [file]
     if len(files) > len(own):
         yield place, [f for f in files if f not in own]
 
 
-_LOOKED: dict[tuple[str, int, int, str], bool] = {}
+_LOOKED: dict[tuple[str, int, int, str], tuple[int, ...] | None] = {}
 """What was found in files of that size and time: a batch that watches looks again and again."""
 
 
-def _holds_runs(file: Path, reading: dict[str, Any]) -> bool:
-    """Return whether a column of a file tells several runs of one direction apart: it is a whole set."""
+def _feeds_held(file: Path, reading: dict[str, Any]) -> tuple[int, ...] | None:
+    """Return the feedrates of a file in which a column tells several runs of one direction apart.
+
+    As whole numbers of 2 %; empty where they are not known, None of another file.
+    """
     from metrosep.io.runs import read_runs, told_columns
     from metrosep.recipe.schema import reading_options
 
@@ -356,10 +364,12 @@ def _holds_runs(file: Path, reading: dict[str, Any]) -> bool:
             told = given if "x" in given else told_columns(file, given)
             runs = read_runs(file, angles=True, **given) if told.get("run") else ()
             ways = [r.direction for r in runs]
-            _LOOKED[key] = max(ways.count(1), ways.count(-1)) > 1
+            known = {round(math.log(r.feed) / 0.02) for r in runs if r.feed}
+            is_set = max(ways.count(1), ways.count(-1)) > 1
+            _LOOKED[key] = tuple(sorted(known)) if is_set else None
         return _LOOKED[key]
     except (MetrosepError, OSError, TypeError, ValueError):  # said where the unit is read
-        return False
+        return None
 
 
 def _usual(recipe: Recipe, *, any_file: bool) -> tuple[str, ...]:

@@ -190,3 +190,17 @@ def test_files_that_hold_runs_of_their_own_are_units_of_their_own(tmp_path):
         assert found == {".": ["a.csv", "b.csv"], "one.csv": ["one.csv"], "two.csv": ["two.csv"]}
         (together,) = units(text + '[batch]\neach = "folder"\n', tmp_path).units
         assert len(together.files) == 4
+
+
+def test_one_file_for_each_feedrate_is_one_set(tmp_path):
+    def runs(name, feed):
+        rows = [f"{i},{x},{0.1 * x * i},{feed}" for i in range(3) for x in range(9)]
+        (tmp_path / name).write_text("\n".join(["run,x_mm,z_um,feed_mm_min", *rows]) + "\n")
+
+    text = 'metrosep = 1\n[input]\n[[step]]\nop = "separate"\n'
+    for name, feed in (("slow.csv", 1000), ("fast.csv", 3000)):
+        runs(name, feed)
+    (together,) = units(text, tmp_path).units
+    assert len(together.files) == 2
+    runs("again.csv", 3010)  # a second set at the same feedrate
+    assert len(units(text, tmp_path).units) == 3
