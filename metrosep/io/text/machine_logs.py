@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import ReadNameError
+from metrosep.core.errors import CorruptFileError, ReadNameError
 from metrosep.core.recording import Recording
 from metrosep.io.declared import Match
 from metrosep.io.registry import BuiltIn, demand, mismatch, sniffer
@@ -199,7 +199,14 @@ def _opcua_items(file: RawFile) -> _Items:
     lines = text_lines(file)
     separator = max(",;\t", key=lines[0].count)
     rows = csv.reader(lines, delimiter=separator)
-    names = [re.sub(r"[\s_\-]", "", n).lower() for n in next(rows)]
+
+    def unreadable(exc: csv.Error) -> CorruptFileError:
+        return file.corrupt(f"a row cannot be read ({exc})", field=f"line {rows.line_num}")
+
+    try:
+        names = [re.sub(r"[\s_\-]", "", n).lower() for n in next(rows)]
+    except csv.Error as exc:
+        raise unreadable(exc) from None
 
     def place(known: tuple[str, ...]) -> int | None:
         return next((names.index(n) for n in known if n in names), None)
@@ -226,9 +233,7 @@ def _opcua_items(file: RawFile) -> _Items:
                 text = text.replace(",", ".")
             items.add(name, items.time(row[time], rows.line_num), text, missing=not good)
     except csv.Error as exc:
-        raise file.corrupt(
-            f"a row cannot be read ({exc})", field=f"line {rows.line_num}"
-        ) from None
+        raise unreadable(exc) from None
     return items
 
 
