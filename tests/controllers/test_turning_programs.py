@@ -514,6 +514,7 @@ def test_one_bump_and_one_wrong_point_of_a_large_part_are_found():
     assert found.difference == pytest.approx(abs(slope) * 50 * NM, rel=0.1, abs=0.0)
 
 
+@pytest.mark.slow
 def test_a_file_of_many_blocks_is_read_in_little_memory(tmp_path):
     """A block keeps its four numbers; lists of Python kept 500 bytes."""
     import tracemalloc

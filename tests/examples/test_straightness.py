@@ -30,6 +30,7 @@ def test_input_is_made_by_its_script(folder, tmp_path):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
 
+@pytest.mark.slow  # six joint fits; the README's block of the same runs is run in any case
 def test_script_runs_and_scores(folder, capsys, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["separate.py"])
 

@@ -170,6 +170,7 @@ def test_a_reading_that_follows_at_once_gets_no_lag():
     assert_allclose(term.gains, [2e-6], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drift", [0.0, 150 * NM])
 def test_coverage(drift):
     within, size = 0, []

@@ -77,7 +77,10 @@ def test_the_table_of_causes_adds_up_to_the_full_cut(budget):
 
 @pytest.mark.parametrize(
     ("old", "new", "name"),
-    [('dx = "1.5 um"', 'dx = "-1.5 um"', "tool setting"), ('"outwards"', '"inwards"', "tool")],
+    [
+        ('dx = "1.5 um"', 'dx = "-1.5 um"', "tool setting"),
+        pytest.param('"outwards"', '"inwards"', "tool", marks=pytest.mark.slow),
+    ],
 )
 def test_a_wrong_sign_is_not_shown(tmp_path, old, new, name):
     code, found, _ = ran(tmp_path, "budget.toml", lambda t: t.replace(old, new))
@@ -201,7 +204,10 @@ inverse_time = "1/min"
 """
 
 
-@pytest.mark.parametrize(("rises", "right"), [("outwards", True), ("inwards", False)])
+@pytest.mark.parametrize(
+    ("rises", "right"),
+    [("outwards", True), pytest.param("inwards", False, marks=pytest.mark.slow)],
+)
 def test_a_program_makes_up_for_a_measured_edge(tmp_path, rises, right):
     """The file is cut by the example's own envelope with the wavy edge, the circle taken off as a maker would."""
     make = maker(CUT)
@@ -288,7 +294,9 @@ def test_a_part_whose_map_begins_in_a_corner_needs_its_centre(tmp_path, capsys):
     assert any("where 1 is all of it and 0 none" in m for m in document["messages"])
 
 
-@pytest.mark.parametrize(("axis", "way"), [("x", (-1, 1)), ("y", (1, -1))])
+@pytest.mark.parametrize(
+    ("axis", "way"), [("x", (-1, 1)), pytest.param("y", (1, -1), marks=pytest.mark.slow)]
+)
 def test_a_mirrored_map_is_named(tmp_path, axis, way):
     part = moved(tmp_path, lambda x, y: (way[0] * x, way[1] * y))
     code, found, document = ran(tmp_path, "budget.toml", part)
@@ -393,7 +401,9 @@ def spindle(tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize(("part", "there"), [("spindle.csv", 1), ("part.csv", 0)])
+@pytest.mark.parametrize(
+    ("part", "there"), [("spindle.csv", 1), pytest.param("part.csv", 0, marks=pytest.mark.slow)]
+)
 def test_a_part_shows_a_term_of_the_machine_or_not(spindle, part, there):
     def on_lathe(text):
         text = text.replace('"part.csv"', f'"{spindle / part}"' if there else '"part.csv"')
