@@ -378,6 +378,7 @@ def test_robust_polynomial_is_not_moved_by_dust(what, rng):
 # ---- uncertainty ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_covariance_is_the_scatter_of_repeated_fits():
     X, Y, dx, dy = grid(31)
     truth = Conic(R=40e-3, k=-0.5)(X, Y)

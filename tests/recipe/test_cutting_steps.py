@@ -55,6 +55,7 @@ def budget(tmp_path_factory):
     return (*ran(folder, "budget.toml"), folder)
 
 
+@pytest.mark.slow
 def test_the_part_shows_what_is_in_it_and_not_the_log_of_another_day(budget):
     code, found, document, _ = budget
     assert code == 0

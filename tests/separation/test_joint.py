@@ -32,7 +32,7 @@ def test_noise_free_waves_come_back(contract_machine, as_runset):
 @pytest.mark.parametrize(
     ("case", "waves", "limit"),
     [
-        ("sine", "STANDARD", 3.5),
+        pytest.param("sine", "STANDARD", 3.5, marks=pytest.mark.slow),
         pytest.param("locked", "LONG_ONLY", 3.5, marks=pytest.mark.slow),
         ("modal", "STANDARD", 9.0),
         pytest.param("floor", "STANDARD", 16.0, marks=pytest.mark.slow),

@@ -48,7 +48,9 @@ def wild(rng, i, x, z, t, v):
     return z
 
 
-@pytest.mark.parametrize(("degree", "limit"), [(1, 9.0), (2, 12.0)])
+@pytest.mark.parametrize(
+    ("degree", "limit"), [pytest.param(1, 9.0, marks=pytest.mark.slow), (2, 12.0)]
+)
 def test_drift_is_found_and_the_estimate_gains(contract_machine, as_runset, degree, limit):
     slopes = []
 
@@ -149,7 +151,9 @@ def test_a_locked_line_has_the_phase_of_its_start(contract_machine, as_runset):
     assert np.abs(np.array(free["phase_rad"]) + np.pi / 2).max() < 0.1
 
 
-@pytest.mark.parametrize(("case", "limit"), [("modal", 9.0), ("none", 4.0)])
+@pytest.mark.parametrize(
+    ("case", "limit"), [("modal", 9.0), pytest.param("none", 4.0, marks=pytest.mark.slow)]
+)
 def test_spikes_and_a_bad_stretch_do_not_move_the_estimate(
     contract_machine, as_runset, case, limit
 ):
@@ -458,7 +462,7 @@ def test_quantities_are_taken_as_text(contract_machine, as_runset):
     [
         ({"drift": 1.0}, {"drift": 1}),
         ({"lines": None}, {"lines": ()}),
-        ({"lines": 12.0}, {"lines": [12.0]}),
+        pytest.param({"lines": 12.0}, {"lines": [12.0]}, marks=pytest.mark.slow),
         ({"min_feeds": 2.0}, {"min_feeds": 2}),
     ],
 )
