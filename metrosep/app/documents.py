@@ -520,7 +520,7 @@ class Places:
             found = Path(os.path.realpath(self.roots[0] / path))
             found.exists()
         except (OSError, UnicodeError) as exc:
-            why = getattr(exc, "strerror", "") or "its letters are no text"
+            why = getattr(exc, "strerror", "") or "its letters are not text"
             raise ReadError(f"{ascii(path[:60])[1:-1]}: cannot be a file here ({why})") from None
         return found if any(found.is_relative_to(root) for root in self.roots) else None
 

@@ -302,7 +302,7 @@ def _fitted(obj: Surface, section: Mapping[str, Any]) -> MapSection:
     if share > _FEW:
         wrong.insert(0, _lost(name, share))
     elif share > 0.0:
-        said.append(f"{100.0 * share:.2g} % of section {name} was not measured and is left out")
+        said.append(f"{100.0 * share:.2g} % of section {name} was not measured and is omitted")
     return MapSection(name, kind, values, (*said, *wrong), keys=section, missing="; ".join(wrong))
 
 

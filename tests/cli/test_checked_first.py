@@ -59,9 +59,11 @@ def test_options_of_one_table_stand_behind_it(metrosep, folder):
 
 
 def test_all_missing_options_are_listed_with_the_columns_of_the_file(metrosep, folder):
-    code, _, err = metrosep("separate", RUNS, "--run", "run")
+    text = (folder / RUNS).read_text("utf-8").replace("x_mm,z_um", "a_mm,b_um")
+    (folder / "runs_ab.csv").write_text(text, "utf-8")
+    code, _, err = metrosep("separate", "runs_ab.csv", "--run", "run")
     assert code == 2
-    assert "'--x' and '--z'; runs.csv has run, feed_mm_min, x_mm, z_um" in err
+    assert "'--x' and '--z'; runs_ab.csv has run, feed_mm_min, a_mm, b_um" in err
 
 
 def test_a_reference_that_no_run_reaches_is_refused_before_separating(metrosep, folder):

@@ -156,7 +156,10 @@ def test_wrong_words_are_one_sentence(metrosep, waves, options, code, match):
 
 @pytest.mark.parametrize(
     ("symbol", "limit", "example"),
-    [("Sq", "5 nm", 'U = "10 nm"'), ("Sdr", "1 %", "U = 0.001, or U = 0 for simple")],
+    [
+        ("Sq", "5 nm", '--U "Sq=10 nm"'),
+        ("Sdr", "1 %", '--U "Sdr=0.001", or --U "Sdr=0" for simple'),
+    ],
 )
 def test_a_limit_without_u_is_inconclusive_and_says_what_to_write(
     metrosep, waves, symbol, limit, example

@@ -684,8 +684,8 @@ def test_legendre_coefficients_without_a_domain_mean_nothing():
 def test_wrong_objects_are_named():
     with pytest.raises(DataError, match="Surface, a Profile or a PointSet"):
         fit(np.zeros((3, 3)), Plane())
-    with pytest.raises(DataError, match="metrosep form"):
-        fit(flat(), "plane")
+    with pytest.raises(DataError, match="plan"):
+        fit(flat(), "plan")
     with pytest.raises(DataError, match="calibration"):
         fit(ms.Surface(np.zeros((3, 3))), Plane())
     with pytest.raises(DataError, match="line y = 0"):

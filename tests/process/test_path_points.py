@@ -2,7 +2,6 @@
 
 import itertools
 import math
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -283,16 +282,19 @@ def test_ten_million_points_are_made_in_few_steps(calls):
     assert steps < 1_000_000
 
 
-def test_a_tolerance_out_of_reach_is_refused_early_with_the_points_it_would_take():
+def test_a_tolerance_out_of_reach_is_refused_early_with_the_points_it_would_take(calls):
     """Lines leave the sagitta: 0.01 pm needs sqrt(5e5) times the points of 5 nm, and no search to 10^6."""
     grid = SineGrid(amplitude=50e-9, wavelength=100e-6)
     words = {"lead_in": 3, "interpolation": "linear"}
-    before = time.process_time()
-    with pytest.raises(LimitError, match="would take about") as refused:
-        points_for_tolerance(grid, 400e-6, 10e-6, 1e-14, **words)
-    spent = time.process_time() - before
+
+    def refusal():
+        with pytest.raises(LimitError, match="would take about") as refused:
+            points_for_tolerance(grid, 400e-6, 10e-6, 1e-14, **words)
+        return refused
+
+    steps, refused = calls(refusal)
 
     near = points_for_tolerance(grid, 400e-6, 10e-6, 5e-9, **words).n_points
     needed = float(str(refused.value).split("about ")[1].split(" ")[0])
     assert needed == pytest.approx(near * np.sqrt(5e5), abs=0.3 * near * np.sqrt(5e5))
-    assert spent < 10.0  # s of the processor; the whole search took minutes
+    assert steps < 300_000  # the whole search took minutes

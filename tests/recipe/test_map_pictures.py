@@ -9,7 +9,7 @@ import pytest
 import metrosep as ms
 from metrosep.recipe import Recipe
 from metrosep.recipe.describe.charts import decimated, display_limits, map_chart
-from metrosep.recipe.describe.describe_measure import _classes
+from metrosep.recipe.describe.describe_measure import height_classes
 
 NM = 1e-9
 DIGITS = 6e-9
@@ -91,7 +91,7 @@ def test_blocks_at_the_rim_count_their_own_pixels_and_holes_stay():
 )
 def test_the_histogram_shows_the_distribution(z, low, high, classes, outside):
     known = z[np.isfinite(z)]
-    edges = _classes(known)
+    edges = height_classes(known)
     assert (edges[0] / NM, edges[-1] / NM) == pytest.approx((low, high), abs=1e-5)
     assert edges.size - 1 == classes
     assert ((known < edges[0]).sum(), (known > edges[-1]).sum()) == outside

@@ -21,13 +21,13 @@ __all__ = ["bad_rows", "changes_row", "is_truth", "says_bad", "truth_of_name"]
 _BAD_TEXT = """
 ng nok nio bad wrong error errors err fail failed failure fault faulty outlier outliers reject rejected
 invalid void ignore ignored discard discarded delete deleted exclude excluded skip skipped drop dropped
-spike glitch artefact artifact suspect doubtful uncertain damaged broken scrap alarm overflow overrange
+spike glitch artefact artifact suspect uncertain damaged broken scrap alarm overflow overrange
 overload saturated saturation clipped lost fehler fehlerhaft ungültig ungueltig ausreisser ausreißer
 ausschuss schlecht defekt verworfen gestört störung übersteuert gesättigt alarme faux fausse erreur mauvais
 mauvaise invalide aberrant aberrante rejet rejeté rebut saturé errore errato sbagliato scarto scartato
 malo mala erróneo erroneo inválido rechazado atípico fallo descartado fout ongeldig fel ogiltig błąd chyba
 """
-_BAD = frozenset(_BAD_TEXT.split())
+_BAD = frozenset((*_BAD_TEXT.split(), "doubtful"))
 """Words that call a row bad."""
 _OTHER = frozenset(("repeat", "repeated", "redo", "scaled", "times", "double", "doubled", "half"))
 """Words that may make the numbers of a row others than they are."""
