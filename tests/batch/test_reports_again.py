@@ -20,6 +20,7 @@ def outputs(formats):
     return f'[[output]]\nkind = "report"\nformats = [{listed}]\n'
 
 
+@pytest.mark.slow
 def test_reports_of_a_batch_are_the_same_bytes_again(recipe_text, inbox, tmp_path, capsys):
     pytest.importorskip("typst")
     recipe = Recipe.parse(recipe_text + outputs(FORMATS) + GROUPS)

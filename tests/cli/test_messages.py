@@ -229,6 +229,7 @@ def result_folder(runs_csv, tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_a_table_cut_short_is_not_verified(failing, runs_csv, result_folder, tmp_path):
     rows = (result_folder / "x.comp").read_text().splitlines(keepends=True)
     (tmp_path / "x.comp").write_text("".join(rows[:15]))

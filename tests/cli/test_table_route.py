@@ -102,6 +102,7 @@ def test_a_result_holds_the_runs_as_they_were_measured(metrosep, tmp_path):
     assert len(json.dumps(stored, indent=1)) < 12 / 10 * 1.5e6
 
 
+@pytest.mark.slow
 def test_a_result_of_an_older_version_names_the_command_that_makes_it_again(metrosep, tmp_path):
     runs = write_runs(tmp_path / "runs.csv", samples=301)
     out = tmp_path / "out"
@@ -444,6 +445,7 @@ def test_a_hint_about_directions_works_in_the_command_that_prints_it(metrosep, t
         assert np.abs(rest - line).max() < 0.03  # three times what 12 runs of 20 nm leave
 
 
+@pytest.mark.slow
 def test_the_waivers_that_a_refusal_names_are_taken_as_it_prints_them(metrosep, tmp_path):
     runs = write_runs(tmp_path / "runs.csv")
     assert metrosep("separate", runs, *COLUMNS, "-o", tmp_path / "result")[0] == 0

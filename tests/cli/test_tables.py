@@ -56,6 +56,7 @@ def error_map(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_a_table_for_a_controller_with_facts_of_the_machine(metrosep, result, tmp_path):
     out = tmp_path / "x.pmc"
     words = ("--axis", "X", "--compensates", "Z", "--spacing", "1 mm", "-o", out)

@@ -112,6 +112,7 @@ def test_of_five_hundred_corrupted_tables_none_is_accepted_that_harms():
     assert sum(s["wrong_sign_of_sign"] for s in found.values()) > 0.5 * signs
 
 
+@pytest.mark.slow
 def test_true_tables_are_not_refused_and_never_called_wrong():
     found = rates({"true": 80})
 
@@ -119,6 +120,7 @@ def test_true_tables_are_not_refused_and_never_called_wrong():
     assert sum(s["true_refused"] for s in found.values()) <= 0.02 * 80 * len(found)
 
 
+@pytest.mark.slow
 def test_tables_made_of_runs_do_not_harm():
     found = rates({"made": 32})
 

@@ -39,6 +39,7 @@ def test_the_options_make_up_for_the_bad_day(harder):
     assert rms["drift, lines, robust"] < 0.3 * rms["none"]
 
 
+@pytest.mark.slow
 def test_what_was_planted_is_found(found):
     terms = found["drift, lines, robust"][1].terms
     lines = terms["lines"]["lines"]

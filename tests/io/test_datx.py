@@ -231,5 +231,6 @@ def test_copy_in_own_hdf5_is_not_taken_for_mx(make, read, put):
     assert copied.metadata["source"]["format"] == "datx"
 
 
+@pytest.mark.slow
 def test_damage_is_refused_or_harmless(make, survives_damage):
     survives_damage(datx, make(), every=251)

@@ -114,6 +114,7 @@ def test_power_is_kept_in_bands_that_hold_several_wavelengths():
     np.testing.assert_allclose(power[0], 3.0 * np.sqrt(np.maximum(count, 1)), atol=EXACT, rtol=0)
 
 
+@pytest.mark.slow
 def test_a_result_names_its_geometry_and_its_noise(document):
     axes = feed_map(document)
     (marks,) = [line for line in axes.lines if line.get_marker() == "^"]

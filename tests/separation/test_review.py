@@ -42,6 +42,7 @@ def test_both_directions_are_evaluated_over_the_range_that_was_asked_for():
         assert abs(slope) * 30e-3 < PM
 
 
+@pytest.mark.slow
 def test_the_alignment_slope_does_not_coarsen_the_prior():
     axis = machine_axis(seed=7, n_repeats=1)
     tilted = RunSet([Run(r.x, r.z + 0.1 * r.x, t=r.t, feed=r.feed) for r in axis.runs])
@@ -120,6 +121,7 @@ def test_the_direction_that_has_one_feed_only_is_named():
         separate(lopsided)
 
 
+@pytest.mark.slow
 def test_feeds_that_hardly_differ_are_reported():
     near = separate(machine_axis(seed=1, feeds=(0.12, 0.1236), n_repeats=2).runs)
     apart = separate(machine_axis(seed=1, feeds=(0.12, 0.16), n_repeats=2).runs)
@@ -137,6 +139,7 @@ def test_a_lag_without_geometry_is_not_stated_as_a_fact():
     assert not any(m.startswith("readings lag") for m in estimate.messages)
 
 
+@pytest.mark.slow
 def test_a_stated_shortest_wavelength_that_the_data_cannot_hold_is_reported():
     """One run has fewer readings than unknowns of so short waves; two runs have enough."""
     one = machine_axis(seed=1, feeds=(0.12,), n_repeats=1)

@@ -106,6 +106,7 @@ def test_no_line_is_found_where_there_is_a_mode(contract_machine, as_runset):
             assert estimate.terms["lines"]["lines"] == {}
 
 
+@pytest.mark.slow
 def test_a_tone_is_no_mode_and_a_narrow_mode_is_named_so(contract_machine, as_runset):
     """A tone has one amplitude; a mode narrower than one over the run another in every run."""
 
@@ -266,6 +267,7 @@ def two_probes(contract_machine):
 PROBES = ["B" if i % 3 == 1 else "A" for i in range(9)]
 
 
+@pytest.mark.slow
 def test_probes_have_their_own_offset_and_gain(two_probes, as_runset):
     plain = joint(as_runset(two_probes))
     estimate = joint(as_runset(two_probes), probes=PROBES, probe_gain="fit")
@@ -373,6 +375,7 @@ def test_options_work_both_ways_and_lost_motion_stays(contract_machine, as_runse
     assert forward.rms_nm(estimate) < 9.0
 
 
+@pytest.mark.slow
 def test_storage_holds_the_terms_and_older_results_still_load(contract_machine, as_runset):
     made = machine(contract_machine, tone)
     estimate = joint(
