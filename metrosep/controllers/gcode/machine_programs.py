@@ -39,10 +39,9 @@ from metrosep.controllers.gcode.poses import (
     judged,
     offsets_of,
     refuse_large,
-    refuse_larger,
     rewrite_poses,
 )
-from metrosep.controllers.gcode.rewrite import format_feed, require_plain
+from metrosep.controllers.gcode.rewrite import byte_lines, edited, format_feed, require_plain
 from metrosep.controllers.gcode.state import (
     INCH,
     MM,
@@ -358,7 +357,6 @@ class _Program:
         codes: frozenset[int],
     ) -> None:
         self.lines = list(lines)
-        self.stated = scale is None
         self.state = ModalState(
             scale=scale, diameter=False, harmless_m=codes, g_system="mill",
             axes="".join(axes), spindle_axis="",
@@ -461,8 +459,10 @@ class _Program:
 
     def _refuse_large(self, machine: _Corrector, rows: Any, limit: float) -> None:
         for i, axis in enumerate(self.moves.axes):
-            refuse = refuse_larger if machine.turns[i] else refuse_large
-            refuse(axis, machine.correction[axis], limit, [self.moves.line[r] for r in rows], "")
+            most = limit if not machine.turns[i] else None
+            refuse_large(
+                axis, machine.correction[axis], most, [self.moves.line[r] for r in rows], ""
+            )
 
     def _split(
         self,
@@ -475,7 +475,6 @@ class _Program:
     ) -> dict[int, tuple[FloatArray, FloatArray]]:
         """Return nominal and added places within the moves that are split."""
         n = rows.size
-        parts = np.ones(n, dtype=np.int64)
         extra: dict[int, tuple[FloatArray, FloatArray]] = {}
         feed, broken = np.array(self.moves.feed)[rows], np.array(self.moves.broken)[rows]
         begins = np.flatnonzero(feed & ~broken & (np.arange(n) > 0))
@@ -495,13 +494,11 @@ class _Program:
         for size in np.unique(sizes).tolist():
             chosen = np.flatnonzero(sizes == size)
             for some in np.array_split(chosen, 1 + chosen.size * size // _AT_ONCE):
-                self._look(
-                    machine, rows, begins[some], places, dq, digits, size, tolerance, parts, extra
-                )
+                self._look(machine, rows, begins[some], places, dq, digits, size, tolerance, extra)
         turned = np.abs(way[:, machine.turns]).max(axis=1, initial=0.0)
-        unsure = np.flatnonzero((turned > 180.0) & (parts[begins] > 1))
-        if unsure.size:
-            i = int(unsure[0])
+        for i in np.flatnonzero(turned > 180.0).tolist():
+            if int(begins[i]) not in extra:
+                continue
             raise refuse_block(
                 self.moves.line[rows[begins[i]]] + 1,
                 f"a block to be split that turns an axis by {turned[i]:.6g} deg",
@@ -521,7 +518,6 @@ class _Program:
         digits: Any,
         size: int,
         tolerance: float | None,
-        parts: Any,
         extra: dict[int, tuple[FloatArray, FloatArray]],
     ) -> None:
         """Find the parts of moves that are looked at equally often."""
@@ -549,7 +545,6 @@ class _Program:
             left = worst > (math.inf if tolerance is None else tolerance)
             self.chord = max(self.chord, float(worst[~left].max(initial=0.0)))
             for i in np.flatnonzero(~left).tolist():
-                parts[open_[i]] = count
                 if count > 1:
                     extra[int(open_[i])] = (nodes[i, 1:-1], added[i, 1:-1])
             if left.any() and count >= MAX_PARTS:
@@ -623,9 +618,8 @@ class _Program:
                 added += len(steps) - 1
                 self.lines[row] = new
         self.added = added
-        if added:  # bytes end a line at CR and LF only, text at U+0085 and others too
-            whole = "".join(self.lines).encode("latin-1")
-            self.lines = [line.decode("latin-1") for line in whole.splitlines(keepends=True)]
+        if added:
+            self.lines = byte_lines(self.lines)
         self.nominal, self.meant = np.array(nominal), np.array(meant)
         self.meant_digits, self.written_at = np.array(digits_of_all, dtype=float), np.array(at)
         return changed
@@ -655,15 +649,18 @@ class _Program:
         """Return the blocks that replace one."""
         block = self.lines[row]
         lower = next(t for t in tokens if t.letter in self.moves.axes).text[0].islower()
-        if len(texts) == 1:
-            return _edited(tokens, texts[0], self.moves.axes, lower)
+        split = len(texts) > 1
+        feed = format_feed(own["F"].value * len(texts)) if inverse and split else ""
+        numbers_of = {
+            letter: ("+" if number[0] not in "+-" and _has_plus(own.get(letter)) else "") + number
+            for letter, number in (texts[0] | ({"F": feed} if feed else {})).items()
+        }
+        first = edited(tokens, numbers_of, self.moves.axes)
+        if not split:
+            return first
         require_plain(tokens, row + 1, self.moves.axes)
-        feed = ""
-        if inverse:
-            feed = format_feed(own["F"].value * len(texts))
         body = block.rstrip("\r\n")
         eol = block[len(body) :]
-        first = _edited(tokens, texts[0] | ({"F": feed} if feed else {}), self.moves.axes, lower)
         blocks = [first.rstrip("\r\n")]
         for words in texts[1:]:
             text = " ".join(
@@ -689,24 +686,5 @@ class _Program:
         return found
 
 
-def _edited(
-    tokens: Iterable[Token], numbers_of: Mapping[str, str], axes: Sequence[str], lower: bool
-) -> str:
-    """Return a block with other numbers; words that it has not follow its last axis word."""
-    listed = list(tokens)
-    last = max(i for i, t in enumerate(listed) if t.kind == "word" and t.letter in axes)
-    there = {t.letter for t in listed if t.kind == "word"}
-    new = [f"{a}{v}" for a, v in numbers_of.items() if a in axes and a not in there]
-    pieces_of = []
-    for i, token in enumerate(listed):
-        text = token.text
-        if token.kind == "word" and token.letter in numbers_of:
-            number = numbers_of[token.letter]
-            plus = "+" if token.number[0] == "+" and number[0] not in "+-" else ""
-            text = text[: len(text) - len(token.number)] + plus + number
-        pieces_of.append(text)
-        if i == last and new:
-            gap = " " if last == 0 or listed[last - 1].kind == "space" else ""
-            more = "".join((gap or "") + w for w in new)
-            pieces_of.append(more.lower() if lower else more)
-    return "".join(pieces_of)
+def _has_plus(token: Token | None) -> bool:
+    return token is not None and token.number[0] == "+"

@@ -186,8 +186,7 @@ def rewrite_poses(
     found = correct_path(chain, errors, nominal, tool=tool, tool_axis=tool_axis, max_step=max_step)
     linear = {e.name for e in chain.elements if e.kind == "linear"}
     for axis, amounts in found.correction.items():
-        refuse = refuse_large if axis in linear else refuse_larger
-        refuse(axis, amounts, limit, rows.row, f"{start}: ")
+        refuse_large(axis, amounts, limit if axis in linear else None, rows.row, f"{start}: ")
     changed = 0
     for i, number in enumerate(rows.row):
         edits = []
@@ -290,30 +289,29 @@ def offsets_of(zero: Mapping[str, float], axes: Iterable[str], chain: Chain) -> 
 
 
 def refuse_large(
-    axis: str, amounts: FloatArray, limit: float, rows: Sequence[int], where: str
+    axis: str, amounts: FloatArray, stroke: float | None, rows: Sequence[int], where: str
 ) -> None:
-    """Refuse a correction of a linear axis beyond the stroke; the line of its pose is named."""
+    """Refuse a correction beyond the stroke, or (None) one of an axis of rotation that no working axis needs."""
     i = int(np.argmax(np.abs(amounts)))
-    if abs(amounts[i]) > limit:
-        raise LimitError(
-            f"{where}line {rows[i] + 1}: the correction of {axis} is "
-            f"{format_length(float(abs(amounts[i])))}, the limit is {format_length(limit)}; are the errors "
-            "in another unit? give stroke= for larger ones"
+    found, limit = float(abs(amounts[i])), _LARGEST_TURN if stroke is None else stroke
+    if found <= limit:
+        return
+    shown, most, advice = (
+        (
+            f"{math.degrees(found):.3g} deg",
+            f"{math.degrees(limit):.3g} deg",
+            "are the angle errors in another unit, or does the path pass close to the singular pose?",
         )
-
-
-def refuse_larger(
-    axis: str, amounts: FloatArray, _limit: float, rows: Sequence[int], where: str
-) -> None:
-    """Refuse a correction of an axis of rotation that no working axis needs."""
-    i = int(np.argmax(np.abs(amounts)))
-    if abs(amounts[i]) > _LARGEST_TURN:
-        raise LimitError(
-            f"{where}line {rows[i] + 1}: the correction of {axis} is "
-            f"{math.degrees(float(abs(amounts[i]))):.3g} deg, the limit is "
-            f"{math.degrees(_LARGEST_TURN):.3g} deg; are the angle errors in another unit, or does the "
-            "path pass close to the singular pose?"
+        if stroke is None
+        else (
+            format_length(found),
+            format_length(limit),
+            "are the errors in another unit? give stroke= for larger ones",
         )
+    )
+    raise LimitError(
+        f"{where}line {rows[i] + 1}: the correction of {axis} is {shown}, the limit is {most}; {advice}"
+    )
 
 
 def audit_of(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,7 +44,7 @@ from metrosep.controllers.gcode.state import (
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError, TableError
 
-__all__ = ["Rewriter", "format_feed", "require_plain"]
+__all__ = ["Rewriter", "byte_lines", "edited", "format_feed", "require_plain"]
 
 _ROUNDING = 1e-6
 """Share of half a digit that binary numbers add to a rounding."""
@@ -469,7 +469,7 @@ class Rewriter:
         self, out: list[str], z: object, x: object, c: object, digits: object, x_digits: object
     ) -> None:
         """Parse what was written and compare it with what was meant."""
-        lines = _lines(out) if self.tally.added else out
+        lines = byte_lines(out) if self.tally.added else out
         columns = read_columns(lines, self._again, self._readers[1], self._line_out)
         self._line_out += len(lines)
         seen = self._seen
@@ -508,7 +508,7 @@ def _word_x(block: str, line: int) -> Token | None:
     return next((t for t in tokenize(block, line) if t.letter == "X"), None)
 
 
-def _lines(texts: list[str]) -> list[str]:
+def byte_lines(texts: Iterable[str]) -> list[str]:
     """Return single lines, cut at line ends only (str.splitlines cuts at more)."""
     data = "".join(texts).encode("latin-1")
     return [part.decode("latin-1") for part in data.splitlines(keepends=True)]
@@ -584,8 +584,9 @@ def split_block(
     eol = original[len(original.rstrip("\r\n")) :] or "\n"
     last = {t.letter: t.number for t in tokenize(corrected, line) if t.kind == "word"}
     lower = words["X" if "X" in words else "C" if "C" in words else "Z"].text[0].islower()
-    first = {"X": x_text[0], "Z": z_text[0], "F": feed} | ({"C": c_text[0]} if c_text else {})
-    blocks = [_first(tokens, {k: v for k, v in first.items() if v}).rstrip("\r\n")]
+    all_of = {"X": x_text[0], "C": c_text[0] if c_text else "", "Z": z_text[0], "F": feed}
+    first = {k: v for k, v in all_of.items() if v and (k in words or k == "Z")}
+    blocks = [edited(tokens, first, "XCZ").rstrip("\r\n")]
     blocks += [
         _more(
             {"X": x_text[i], "C": c_text[i] if c_text else "", "Z": z_text[i], "F": feed},
@@ -624,19 +625,21 @@ def format_feed(value: float) -> str:
     return format_number(value, _FEED_DIGITS)
 
 
-def _first(tokens: tuple[Token, ...], numbers: dict[str, str]) -> str:
-    """Return the block with other numbers; Z is added after the last axis word if it has none."""
-    letters = {t.letter for t in tokens}
-    axis = [i for i, t in enumerate(tokens) if t.letter and t.letter in "XCZ"][-1]
+def edited(tokens: Sequence[Token], numbers: Mapping[str, str], axes: Collection[str]) -> str:
+    """Return a block with other numbers; axis words that it lacks follow its last one, in its case."""
+    last = max(i for i, t in enumerate(tokens) if t.kind == "word" and t.letter in axes)
+    there = {t.letter for t in tokens if t.kind == "word"}
+    new = [letter + n for letter, n in numbers.items() if letter in axes and letter not in there]
     pieces = []
     for i, token in enumerate(tokens):
         text = token.text
-        if token.letter in numbers:
+        if token.kind == "word" and token.letter in numbers:
             text = text[: len(text) - len(token.number)] + numbers[token.letter]
         pieces.append(text)
-        if i == axis and "Z" not in letters:
-            gap = " " if i == 0 or tokens[i - 1].kind == "space" else ""
-            pieces.append(gap + ("z" if token.text[0].islower() else "Z") + numbers["Z"])
+        if i == last and new:
+            gap = " " if last == 0 or tokens[last - 1].kind == "space" else ""
+            more = "".join(gap + w for w in new)
+            pieces.append(more.lower() if text[0].islower() else more)
     return "".join(pieces)
 
 
