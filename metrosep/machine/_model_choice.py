@@ -78,8 +78,7 @@ def raised_degrees(
         if not at:
             continue
         found = wider[at]
-        Z = (found.X / found.sizes) @ found.V
-        better = Gls(Z, found.y, found.streams, [s.u for s in problem.sets]).best()
+        better = Gls(found.design, found.y, found.streams, [s.u for s in problem.sets]).best()
         if _cost(found, better, floors) < here - _WORTH:
             raised[axis] = at
     return raised
@@ -101,7 +100,7 @@ def _plain(system: System, fit: Fit, floors: FloatArray) -> float:
         s = max(fit.scales[stream.which], floors[stream.which])
         weights[stream.rows] = 1.0 / s
         least += stream.rows.size * float(floors[stream.which] / s) ** 2  # steps are no form
-    Z = np.linalg.qr(((system.X / system.sizes) @ system.V) * weights[:, None])[0]
+    Z = np.linalg.qr(system.design * weights[:, None])[0]
     y = system.y * weights
     rest = y - Z @ (Z.T @ y)
     square = max(float(rest @ rest), least, 1e-20 * float(y @ y), np.finfo(np.float64).tiny)
@@ -110,7 +109,7 @@ def _plain(system: System, fit: Fit, floors: FloatArray) -> float:
 
 def _cost(system: System, fit: Fit, floors: FloatArray) -> float:
     """Return -2 log likelihood, and the cost of the coefficients (BIC)."""
-    rest = system.y - ((system.X / system.sizes) @ system.V) @ fit.beta
+    rest = system.y - system.design @ fit.beta
     total = fit.beta.size * math.log(max(system.y.size, 2))
     for stream in system.streams:
         solved, logdet = inverse_times(rest[stream.rows][:, None], stream.index, fit.a, fit.tau)
@@ -122,7 +121,7 @@ def _cost(system: System, fit: Fit, floors: FloatArray) -> float:
 
 def shapes_left(problem: Problem, system: System, fit: Fit) -> list[str]:
     """Return a sentence for each set whose residuals repeat, or jump, with the place of an axis."""
-    rest = system.y - ((system.X / system.sizes) @ system.V) @ fit.beta
+    rest = system.y - system.design @ fit.beta
     found: dict[str, tuple[float, str]] = {}
     tried, kinds = 0, problem.chain.dimensions
     rest_of = {e.name: set(element_terms(e)) - set(problem.bases) for e in problem.chain.elements}
@@ -131,55 +130,50 @@ def shapes_left(problem: Problem, system: System, fit: Fit) -> list[str]:
             continue
         reading, label = problem.sets[stream.which], problem.labels[stream.which]
         n = np.asarray(reading.values).shape[0]
+        read = "rad" if reading.instrument.is_angle else "m"
         for axis, place in reading.q.items():
             x = np.broadcast_to(np.ravel(np.asarray(place)), (n,))[stream.index.astype(int)]
-            span, places = float(np.ptp(x)), np.unique(np.round(x, 9)).size
-            if places < _FEWEST or axis not in kinds:
+            span, own = float(np.ptp(x)), np.unique(np.round(x, 9))
+            if own.size < _FEWEST or axis not in kinds:
                 continue
-            low = float(x.min())
-            if kinds[axis] == "angle":
+            low, unit = float(x.min()), "rad" if kinds[axis] == "angle" else "m"
+            if unit == "rad":
                 low, span = 0.0, 2.0 * math.pi  # harmonics of the turn
-                twice = 2 * np.arange(3, min(places // 2, _MOST) + 1)
+                twice = 2 * np.arange(3, min(own.size // 2, _MOST) + 1)
             else:  # places of a fine grid show half as many waves as there are of them, at most
-                twice = np.unique(np.linspace(6, places - 1, min(places - 6, _MOST)).astype(int))
+                most = min(own.size - 6, _MOST)
+                twice = np.unique(np.linspace(6, own.size - 1, most).astype(int))
             turns = math.pi * twice / span * (x - low)[:, None]
-            tried += twice.size
             stat, size = _scores(turns, rest[stream.rows], stream, fit)
-            stat = np.where(
-                size > 0.5 * problem.steps[stream.which], stat, 0.0
-            )  # the steps of the display are smaller
+            # the steps of the display are smaller
+            stat = np.where(size > 0.5 * problem.steps[stream.which], stat, 0.0)
             k = int(np.argmax(stat))
             if stat[k] > found.get(label, (0.0, ""))[0]:
                 length = 2.0 * span / float(twice[k])
                 every = (
                     f"{math.degrees(length):.3g} deg"
-                    if kinds[axis] == "angle"
+                    if unit == "rad"
                     else format_engineering(length, "m")
                 )
-                unit = "rad" if reading.instrument.is_angle else "m"
-                amount = format_engineering(float(size[k]), unit)
                 text = (
-                    f"{label}: what the curves leave repeats every {every} of {axis}, amplitude {amount}; "
-                    "no order that was fitted follows it, and u does not contain it: give a degree of "
-                    f"{axis} that follows it{', or a term that was not asked for' if rest_of[axis] else ''}"
+                    f"{label}: what the curves leave repeats every {every} of {axis}, amplitude "
+                    f"{format_engineering(float(size[k]), read)}; no order that was fitted follows it, and u "
+                    f"does not contain it: give a degree of {axis} that follows it"
+                    f"{', or a term that was not asked for' if rest_of[axis] else ''}"
                 )
                 found[label] = (float(stat[k]), text)
-            own = np.unique(np.round(x, 9))
             # two places on either side at least: one that stands out alone is no jump
             edges = 0.5 * (own[1:-2] + own[2:-1])
-            tried += edges.size
+            tried += twice.size + edges.size
             stat, size = _jumps(x[:, None] > edges, rest[stream.rows], system, stream, fit)
             k = int(np.argmax(stat))
             if stat[k] > found.get(label, (0.0, ""))[0]:
-                unit = "rad" if kinds[axis] == "angle" else "m"
                 ends = " and ".join(format_engineering(float(v), unit) for v in own[k + 1 : k + 3])
-                amount = format_engineering(
-                    float(size[k]), "rad" if reading.instrument.is_angle else "m"
-                )
                 text = (
-                    f"{label}: what the curves leave jumps by {amount} between {axis} = {ends}; no order "
-                    "follows a jump, and u does not contain it: look for a joint, a grid error of the scale "
-                    "or a loose guide there, and calibrate the travel on each side by itself"
+                    f"{label}: what the curves leave jumps by {format_engineering(float(size[k]), read)} "
+                    f"between {axis} = {ends}; no order follows a jump, and u does not contain it: look for a "
+                    "joint, a grid error of the scale or a loose guide there, and calibrate the travel on each "
+                    "side by itself"
                 )
                 found[label] = (float(stat[k]), text)
     return [text for stat, text in found.values() if math.exp(-0.5 * stat) * tried < _CHANCE]
@@ -269,18 +263,17 @@ def _jumps(
     if not steps.shape[1]:
         return np.zeros(1), np.zeros(1)
     columns = steps.astype(np.float64)
-    Z = ((system.X / system.sizes) @ system.V)[stream.rows]
+    Z = system.design[stream.rows]
     both = np.column_stack([Z, columns, rest])
     solved = inverse_times(both, stream.index, fit.a, fit.tau)[0] / fit.scales[stream.which] ** 2
     m = Z.shape[1]
     N = Z.T @ solved[:, :m]
     across = Z.T @ solved[:, m:-1]
     # the model bends towards the step: what it leaves of the step is what the residuals show
+    inverse = np.linalg.pinv(N, hermitian=True)
     left = np.sum(columns * solved[:, m:-1], axis=0)
-    own = left - np.sum(across * (np.linalg.pinv(N, hermitian=True) @ across), axis=0)
-    score = columns.T @ solved[:, -1] - across.T @ (
-        np.linalg.pinv(N, hermitian=True) @ (Z.T @ solved[:, -1])
-    )
+    own = left - np.sum(across * (inverse @ across), axis=0)
+    score = columns.T @ solved[:, -1] - across.T @ (inverse @ (Z.T @ solved[:, -1]))
     good = own > 1e-3 * left
     own = np.where(good, own, 1.0)
     return np.where(good, score**2 / own, 0.0), np.where(good, score / own, 0.0)

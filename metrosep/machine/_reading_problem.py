@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -211,7 +212,7 @@ def columns_of(
     return np.concatenate(parts, axis=-1)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class System:
     """The linear problem about the current set-ups; rows of all sets one after another."""
 
@@ -224,6 +225,11 @@ class System:
     streams: list[Stream]
     rows: list[FloatArray]  # by set, where its good readings stand: indices into (n, k) raveled
     ends: list[int]
+
+    @cached_property
+    def design(self) -> FloatArray:
+        """Scaled columns of the directions that are determined, shape (n, r)."""
+        return np.asarray((self.X / self.sizes) @ self.V)
 
 
 class Problem:
@@ -394,7 +400,7 @@ class Problem:
         stated = [s.u for s in self.sets]
         for _ in range(ROUNDS):
             system = self.assembled(current, good)
-            Z = (system.X / system.sizes) @ system.V
+            Z = system.design
             fit = Gls(Z, system.y, system.streams, stated).best()
             t = _deleted(Z, system, fit)
             # robust: one bad reading must not hide another, nor hide behind a scale of its making
@@ -412,9 +418,7 @@ class Problem:
                 begin = end
         else:  # readings were refused in the last round too: fit what is left
             system = self.assembled(current, good)
-            fit = Gls(
-                (system.X / system.sizes) @ system.V, system.y, system.streams, stated
-            ).best()
+            fit = Gls(system.design, system.y, system.streams, stated).best()
         return fit, system, good
 
     def lacking(
@@ -437,7 +441,7 @@ class Problem:
             return {}
         wider = Problem(self.chain, more, self.sets)
         X = wider.assembled(current, good).X[:, : wider.n_terms]
-        Z = (system.X / system.sizes) @ system.V
+        Z = system.design
         rest = system.y - Z @ fit.beta
         whole = np.column_stack([X, Z, rest])
         solved = np.empty_like(whole)
@@ -676,15 +680,13 @@ def is_place(instrument: Instrument, name: str) -> bool:
 
 def _least(system: System) -> FloatArray:
     """Return the least-squares solution of smallest scaled size."""
-    scaled = (system.X / system.sizes) @ system.V
-    found = np.linalg.lstsq(scaled, system.y, rcond=None)[0]
+    found = np.linalg.lstsq(system.design, system.y, rcond=None)[0]
     return np.asarray(system.V @ found / system.sizes)
 
 
 def _huber(system: System) -> FloatArray:
     """Return the solution with Huber weights, each set with its own robust scale."""
-    scaled = (system.X / system.sizes) @ system.V
-    Q, R = np.linalg.qr(scaled, mode="reduced")
+    Q, R = np.linalg.qr(system.design, mode="reduced")
     free = np.sqrt(np.maximum(1.0 - np.sum(Q**2, axis=1), 1e-6))
     weights = np.ones(system.y.size)
     found = np.zeros(Q.shape[1])
