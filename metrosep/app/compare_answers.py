@@ -6,7 +6,7 @@ import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -31,6 +31,9 @@ from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.recipe.result import Result, load_document
+
+if TYPE_CHECKING:
+    from metrosep.app.pyramid import MapPyramid
 
 __all__ = ["compare"]
 
@@ -299,7 +302,6 @@ def _overlaid(a: Any, b: Any) -> tuple[str | None, str, Arrays]:
 
 def _picture(opened: Opened, a: _Side, b: _Side, wanted: Mapping[str, Any]) -> Answer:
     """Return the difference map in a window, with its own P-V and RMS; or one of both maps."""
-    from metrosep.app.map_views import map_view
     from metrosep.app.pyramid import build_pyramid
 
     if wanted.get("of") in ("a", "b"):
@@ -321,12 +323,20 @@ def _picture(opened: Opened, a: _Side, b: _Side, wanted: Mapping[str, Any]) -> A
         return build_pyramid(left), (a.document, b.document), numbers
 
     pyramid, _, numbers = made_of(opened.material, "difference", key, make, most=1)
+    header, arrays = _window_of(pyramid, wanted, wanted.get("range"))
+    return header | {k: number_or_none(v) for k, v in numbers.items()}, arrays
+
+
+def _window_of(pyramid: MapPyramid, wanted: Mapping[str, Any], limits: Any) -> Answer:
+    """Return a map in the window that is asked for, at full resolution."""
+    from metrosep.app.map_views import map_view
+
     view = map_view(
         pyramid,
         window=wanted.get("window"),
         pixels=wanted.get("pixels") or (512, 512),
         level="full",
-        limits=wanted.get("range"),
+        limits=limits,
     )
     return {
         "range": view.range,
@@ -334,14 +344,12 @@ def _picture(opened: Opened, a: _Side, b: _Side, wanted: Mapping[str, Any]) -> A
         "scale": view.scale,
         "unit": view.unit,
         "extent": pyramid.window,
-        **{k: number_or_none(v) for k, v in numbers.items()},
     }, {"index": view.index}
 
 
 def _side_by_side(opened: Opened, a: _Side, b: _Side, wanted: Mapping[str, Any]) -> Answer:
     """Return one of two maps in a window, in colours that both share."""
-    from metrosep.app.map_views import map_view
-    from metrosep.app.pyramid import MapPyramid, build_pyramid
+    from metrosep.app.pyramid import build_pyramid
 
     def pyramid_of(side: _Side, letter: str) -> MapPyramid:
         if not isinstance(side.obj, Surface):
@@ -359,21 +367,8 @@ def _side_by_side(opened: Opened, a: _Side, b: _Side, wanted: Mapping[str, Any])
     both = [pyramid_of(a, "a"), pyramid_of(b, "b")]
     ranges = [p.robust_range for p in both if p.robust_range is not None]
     shared = (min(r[0] for r in ranges), max(r[1] for r in ranges)) if ranges else None
-    pyramid = both[wanted["of"] == "b"]
-    view = map_view(
-        pyramid,
-        window=wanted.get("window"),
-        pixels=wanted.get("pixels") or (512, 512),
-        level="full",
-        limits=shared if shared and shared[0] < shared[1] else None,
-    )
-    return {
-        "range": view.range,
-        "window": view.window,
-        "scale": view.scale,
-        "unit": view.unit,
-        "extent": pyramid.window,
-    }, {"index": view.index}
+    limits = shared if shared and shared[0] < shared[1] else None
+    return _window_of(both[wanted["of"] == "b"], wanted, limits)
 
 
 # ---- differences of two measurements that lie on the same grid; nothing is interpolated --------

@@ -13,6 +13,7 @@ from metrosep.app.wire import Arrays
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
+from metrosep.core.sections import extremes_in
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 
@@ -85,8 +86,8 @@ def heights_view(found: Distribution, at: Any) -> tuple[dict[str, Any], Arrays]:
         "at": levels,
         "ratios": [found.curve.ratio(c) for c in levels],
         "n": n,
-        "below": float(np.mean(rising < found.edges[0])),
-        "above": float(np.mean(rising > found.edges[-1])),
+        "below": int(np.searchsorted(rising, found.edges[0], side="left")) / n,
+        "above": (n - int(np.searchsorted(rising, found.edges[-1], side="right"))) / n,
     }
     arrays = {"edges": found.edges, "shares": found.shares, "heights": heights, "curve": ratios}
     return header, arrays
@@ -187,16 +188,8 @@ def extremes_near(
     (cx, cy), r = (float(v) for v in at), float(radius)
     if surface.dx is None or surface.dy is None or not r > 0.0:
         raise DataError("peaks near a point need a map with lateral steps and a radius above zero")
-    x = surface.origin[0] + surface.dx * np.arange(surface.shape[1])
-    y = surface.origin[1] + surface.dy * np.arange(surface.shape[0])
-    columns, rows = np.flatnonzero(np.abs(x - cx) <= r), np.flatnonzero(np.abs(y - cy) <= r)
-    z = surface.z[np.ix_(rows, columns)]
-    z = np.where(np.hypot(x[columns] - cx, (y[rows] - cy)[:, None]) <= r, z, np.nan)
-    if not np.isfinite(z).any():
-        return None, None
-    found = [np.unravel_index(int(k), z.shape) for k in (np.nanargmax(z), np.nanargmin(z))]
-    peak, valley = ([float(x[columns[j]]), float(y[rows[i]])] for i, j in found)
-    return peak, valley
+    found = extremes_in(surface, (cx, cy), r)
+    return (None, None) if found is None else ([*found.peak[:2]], [*found.valley[:2]])
 
 
 def aperture_of(surface: Surface) -> tuple[tuple[float, float], float]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from metrosep.core.errors import DataError, TooFewSamplesError, UnitError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
+from metrosep.core.regions import within_region
 
 if TYPE_CHECKING:
     from metrosep.core.surface import Surface
@@ -30,6 +31,7 @@ __all__ = [
     "circle_section",
     "circle_through",
     "distance",
+    "extremes_in",
     "harmonics",
     "height_at",
     "heights_at",
@@ -235,6 +237,42 @@ def angle_at(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> floa
     if not (math.hypot(ux, uy) > 0.0 and math.hypot(vx, vy) > 0.0):
         raise DataError("an angle needs three points, the middle one apart from the others")
     return math.atan2(abs(ux * vy - uy * vx), ux * vx + uy * vy)
+
+
+class CircleExtremes(NamedTuple):
+    """The highest and the lowest pixel in a circle: x, y and height, m."""
+
+    peak: tuple[float, float, float]
+    valley: tuple[float, float, float]
+    is_whole: bool  # whether all of the circle lies on the map and was measured
+
+
+def extremes_in(
+    surface: Surface, centre: tuple[float, float], radius: float
+) -> CircleExtremes | None:
+    """Return the extreme pixels whose centre lies in a circle, None where nothing was measured there."""
+    require_steps(surface)
+    (x0, y0), (dx, dy) = _grid(surface)
+    (cx, cy), r = centre, radius
+    x: FloatArray = x0 + dx * np.arange(surface.shape[1], dtype=np.float64)
+    y: FloatArray = y0 + dy * np.arange(surface.shape[0], dtype=np.float64)
+    columns, rows = (
+        np.flatnonzero(np.abs(x - cx) <= 1.01 * r),
+        np.flatnonzero(np.abs(y - cy) <= 1.01 * r),
+    )
+    reach = r * (1 - 1e-9)
+    inside = all(v[0] <= c - reach and v[-1] >= c + reach for v, c in ((x, cx), (y, cy)))
+    z = surface.z[np.ix_(rows, columns)]
+    within = within_region({"shape": "circle", "diameter": 2.0 * r}, x[columns], y[rows], centre)
+    z = np.where(within, z, np.nan)
+    lost = int(np.count_nonzero(within & np.isnan(z)))
+    if lost == np.count_nonzero(within):
+        return None
+    found = []
+    for at in (np.nanargmax(z), np.nanargmin(z)):
+        i, j = np.unravel_index(int(at), z.shape)
+        found.append((float(x[columns[j]]), float(y[rows[i]]), float(z[i, j])))
+    return CircleExtremes(found[0], found[1], inside and not lost)
 
 
 def circle_through(

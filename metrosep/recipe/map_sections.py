@@ -9,17 +9,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
-from metrosep.core.regions import within_region
 from metrosep.core.sections import (
     angle_at,
     circle_section,
     circle_through,
     distance,
+    extremes_in,
     harmonics,
     height_at,
     section_profile,
@@ -308,38 +307,16 @@ def _fitted(obj: Surface, section: Mapping[str, Any]) -> MapSection:
 
 def _extremes_in(obj: Surface, section: Mapping[str, Any]) -> tuple[dict[str, float], str]:
     """Return the highest and lowest pixel in a circle, and what prevents a verdict."""
-    assert obj.dx is not None  # noqa: S101
-    assert obj.dy is not None  # noqa: S101
-    (cx, cy), r = section["centre"], section["radius"]
-    x: FloatArray = obj.origin[0] + obj.dx * np.arange(obj.shape[1], dtype=np.float64)
-    y: FloatArray = obj.origin[1] + obj.dy * np.arange(obj.shape[0], dtype=np.float64)
-    columns, rows = (
-        np.flatnonzero(np.abs(x - cx) <= 1.01 * r),
-        np.flatnonzero(np.abs(y - cy) <= 1.01 * r),
-    )
-    whole = (
-        x[0] <= cx - r * (1 - 1e-9) and x[-1] >= cx + r * (1 - 1e-9)
-        and y[0] <= cy - r * (1 - 1e-9) and y[-1] >= cy + r * (1 - 1e-9)
-    )  # fmt: skip
-    z = obj.z[np.ix_(rows, columns)]
-    within = within_region({"shape": "circle", "diameter": 2.0 * r}, x[columns], y[rows], (cx, cy))
-    z = np.where(within, z, np.nan)
-    lost = int(np.count_nonzero(within & np.isnan(z)))
     name = section["name"]
-    if not within.any() or lost == np.count_nonzero(within):
+    found = extremes_in(obj, section["centre"], section["radius"])
+    if found is None:
         why = f"section {name}: nothing was measured in its circle; move it onto the map"
         return dict.fromkeys(_METRICS["extremes"], np.nan), why
-    values: dict[str, float] = {}
-    for which, at in (("peak", np.nanargmax(z)), ("valley", np.nanargmin(z))):
-        i, j = np.unravel_index(int(at), z.shape)
-        values |= {
-            which: float(z[i, j]),
-            f"{which}_x": float(x[columns[j]]),
-            f"{which}_y": float(y[rows[i]]),
-        }
-    values["Pt"] = values["peak"] - values["valley"]
+    values: dict[str, float] = {"Pt": found.peak[2] - found.valley[2]}
+    for which, (x, y, z) in (("peak", found.peak), ("valley", found.valley)):
+        values |= {which: z, f"{which}_x": x, f"{which}_y": y}
     ordered = {k: values[k] for k in _METRICS["extremes"]}
-    if not lost and whole:
+    if found.is_whole:
         return ordered, ""
     why = (
         f"section {name}: a part of its circle was not measured or lies outside the map, where a higher or "
