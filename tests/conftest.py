@@ -94,9 +94,11 @@ def command_line(monkeypatch: pytest.MonkeyPatch) -> Callable[..., CompletedProc
 @pytest.fixture
 def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write reports without their figures, where a test reads the text or only needs the folder."""
+    from metrosep.plot import style
     from metrosep.report import html
 
     monkeypatch.setattr(html, "_figures", lambda document: [])
+    monkeypatch.setattr(style, "figure_svg", lambda draw, document: "<svg/>")  # those of an index
 
 
 _MEASURED = pytest.StashKey[list[str]]()

@@ -43,7 +43,7 @@ def part(sa: float, size: int, seed: int = 0) -> np.ndarray:
     return np.broadcast_to(sa / np.abs(wave).mean() * wave, (size, size)) + tilt
 
 
-def write_part(file: Path, sa: float, *, size: int = 64, seed: int = 0) -> Path:
+def write_part(file: Path, sa: float, *, size: int = 32, seed: int = 0) -> Path:
     file.parent.mkdir(parents=True, exist_ok=True)
     ms.write(ms.Surface(part(sa, size, seed), STEP, STEP), file)
     return file

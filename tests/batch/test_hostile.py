@@ -19,6 +19,8 @@ from metrosep.core.errors import RecipeError
 from metrosep.recipe import Recipe
 from metrosep.recipe.run import run_recipe
 
+pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
+
 MIRROR = """metrosep = 1
 [input]
 files = ["*.txt"]

@@ -17,6 +17,8 @@ from metrosep.cli.main import main
 from metrosep.core.errors import ReadError, RecipeError
 from metrosep.recipe import Recipe
 
+pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
+
 PAGE = '[batch]\nindex = ["csv", "html"]\n'
 LONGEST = 20.0  # s, until a watch that hangs is given up
 

@@ -14,6 +14,8 @@ from metrosep.recipe import Recipe
 from metrosep.recipe.parts import parts_in_order
 from metrosep.report.index import batch_table, render_index, series_of, series_section
 
+pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
+
 N = 16
 STEP = 0.2e-9  # m of Sa from part to part; it rises
 FIRST = 5e-9  # m

@@ -12,6 +12,8 @@ from metrosep.batch import find_units, run_batch
 from metrosep.core.errors import ReadError, WriteError
 from metrosep.recipe import Recipe
 
+pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
+
 WRITES = '[[output]]\nkind = "parts"\n'
 
 

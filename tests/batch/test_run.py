@@ -19,6 +19,8 @@ from metrosep.core.errors import DataError, ReadError, RecipeError, WriteError
 from metrosep.recipe import Recipe
 from metrosep.recipe.run import run_recipe
 
+pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
+
 TRUTH = {0: "accepted", 1: "rejected", 2: "inconclusive"}
 
 
