@@ -93,12 +93,12 @@ def command_line(monkeypatch: pytest.MonkeyPatch) -> Callable[..., CompletedProc
 
 @pytest.fixture
 def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Write reports without their figures, where a test reads the text or only needs the folder."""
+    """Write reports with empty figures, where a test reads the text or only needs the folder."""
+    import metrosep.plot
     from metrosep.plot import style
-    from metrosep.report import html
 
-    monkeypatch.setattr(html, "_figures", lambda document: [])
-    monkeypatch.setattr(style, "figure_svg", lambda draw, document: "<svg/>")  # those of an index
+    for module in (metrosep.plot, style):
+        monkeypatch.setattr(module, "figure_svg", lambda draw, document: "<svg/>")
 
 
 _MEASURED = pytest.StashKey[list[str]]()

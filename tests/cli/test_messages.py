@@ -13,8 +13,6 @@ from metrosep.cli.main import main
 from metrosep.core import errors
 from metrosep.separation import machine_axis
 
-pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
-
 COLUMNS = ("--x", "x_mm", "--z", "z_um", "--feed", "feed_mm_min", "--run", "run")
 ITSELF = ("--compensates", "X")
 

@@ -9,8 +9,6 @@ import textwrap
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
-
 UM = 1e-3
 """A micrometre in mm."""
 

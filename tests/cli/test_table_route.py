@@ -12,8 +12,6 @@ import shutil
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
-
 UM = 1e-6
 COLUMNS = ("--x", "x_mm", "--z", "z_um", "--feed", "feed_mm_min", "--run", "run")
 AXES = ("--axis", "X", "--compensates", "X", "--spacing", "1.5 mm")

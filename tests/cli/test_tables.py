@@ -9,8 +9,6 @@ import pytest
 import metrosep as ms
 from metrosep.cli.main import main
 
-pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
-
 COLUMNS = ("--x", "x_mm", "--z", "z_um", "--feed", "feed_mm_min", "--run", "run")
 
 TRAVEL = ("--machine", "travel_low=0 mm", "--machine", "travel_high=45 mm")

@@ -9,8 +9,6 @@ import re
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
-
 ARCSEC = np.pi / 648000.0
 NOISE = 0.05
 """arcsec or um, of one reading."""
