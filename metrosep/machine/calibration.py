@@ -24,7 +24,7 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_engineering, format_length
 from metrosep.machine._bases import Basis, CurveTerm, UnseenTerm, null_sentences
-from metrosep.machine._drift_noise import Fit
+from metrosep.machine._drift_noise import Fit, rounding_covariance
 from metrosep.machine._model_choice import (
     factors_of_sets,
     raised_degrees,
@@ -58,6 +58,8 @@ _PRIOR = {"m": 5e-6, "rad": 30e-6, "1": math.inf}
 
 _LOUDER = 4.0
 """Times the noise of the other sets of an instrument: one in a thousand of sets of ten readings."""
+
+_FINE = 1e-12  # m or rad: finer steps are those of numbers, not of a display
 
 _CONTRADICTS, _STRONGEST = 10.0, 10.0
 
@@ -360,7 +362,10 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     chain, fit, system, current = problem.chain, found.fit, found.system, found.current
     sets = problem.sets
     beta = system.V @ fit.beta / system.sizes
-    cov = (system.V @ fit.cov @ system.V.T) / np.outer(system.sizes, system.sizes)
+    of_digits = rounding_covariance(
+        system.design, system.streams, fit, problem.steps, problem.alike(system)
+    )
+    cov = (system.V @ (fit.cov + of_digits) @ system.V.T) / np.outer(system.sizes, system.sizes)
     rest = system.y - system.X @ beta
     residuals, noise, refused, chi2, n_stated = {}, {}, {}, 0.0, 0
     begin = 0
@@ -394,6 +399,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     messages += factors_of_sets(problem, system, fit)
     messages += repeated_rows(sets, problem.labels, fit.scales)
     messages += _louder(sets, problem.labels, noise)
+    messages += _coarse(problem, noise)
     share = fit.beta.size * n_stated / max(system.y.size, 1)
     if n_stated:
         from scipy.stats import chi2 as chi2_of
@@ -539,6 +545,25 @@ def _louder(
             said.append(
                 f"{label}: its residuals are {noise[label] / float(np.median(others)):.2g} times those of the "
                 f"other {kind.__name__.lower()} sets; check its signs, its place and its poses"
+            )
+    return said
+
+
+def _coarse(problem: Problem, noise: Mapping[str, float]) -> list[str]:
+    """Return a sentence for each set whose display is coarser than its scatter, or whose step is not known."""
+    said = []
+    for reading, label, step in zip(problem.sets, problem.labels, problem.steps, strict=True):
+        values = np.asarray(reading.values)
+        unit = "rad" if reading.instrument.is_angle else "m"
+        if step > 0.0 and noise[label] < step / math.sqrt(12.0) and step > _FINE:
+            said.append(
+                f"{label}: its readings scatter by less than their digit of {format_engineering(float(step), unit)}; "
+                "u contains step/sqrt(12) of each, and repeats that show the same digit count once"
+            )
+        elif step == 0.0 and values.size > 1 and values.any():
+            said.append(
+                f"{label}: all readings are one value, so the step of the display is not known and u does not "
+                "contain it; give its resolution"
             )
     return said
 
