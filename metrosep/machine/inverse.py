@@ -26,7 +26,7 @@ from metrosep.machine.terms import positions_array
 if TYPE_CHECKING:
     from metrosep.machine.chains import Chain, Errors, Positions
 
-__all__ = ["CorrectedPath", "correct_path", "inverse_kinematics"]
+__all__ = ["CorrectedPath", "correct_path", "inverse_kinematics", "reach_of"]
 
 _ROUNDS = 6
 _SETTLED = 1e-12
@@ -164,7 +164,7 @@ def correct_path(
     Raises
     ------
     DataError
-        An axis is missing or unknown, the linear axes do not reach all directions, or a correction
+        An axis is missing or unknown, the linear axes reach fewer than two directions, or a correction
         jumps by more than `max_step`; the message names the poses.
     NotConvergedError
         The errors are so steep that the corrections do not settle.
@@ -173,7 +173,8 @@ def correct_path(
     -----
     Orientation first: least squares of the direction of the tool by the rotary axes; an axis that
     turns the tool by less than sin 2 deg of its own turn is left alone there (singular pose:
-    dC = e / sin A). Then the linear axes take the tool point to its place.
+    dC = e / sin A). Then the linear axes take the tool point to its place; those of a lathe (two) as near
+    as they can, and what stays across them is said.
 
     References
     ----------
@@ -196,6 +197,7 @@ def correct_path(
     shape = np.broadcast_shapes((1,), *(v.shape for v in at.values()))
     nominal = {a: np.broadcast_to(v, shape).astype(np.float64) for a, v in at.items()}
     free = _linear_axes(chain, {a: v for a, v in nominal.items() if a not in _three(chain)})
+    reach = reach_of(chain, nominal)
     turning = [e.name for e in chain.elements if e.kind == "rotary" and e.name in nominal]
     goal = chain.transform(nominal, tool=tool)
     place, along = goal[..., :3, 3], goal[..., :3, :3] @ axis
@@ -214,17 +216,24 @@ def correct_path(
             turned, held = _turns(chain, nominal, turning, axis, away)
             moved |= {a: moved[a] - change for a, change in turned.items()}
             off, _ = errors_at(moved)
-        shifts = _solved(chain, nominal, free, -off)
+        shifts = _solved(chain, nominal, free, -off, least=2)
         moved |= {a: moved[a] + shifts[..., i] for i, a in enumerate(free)}
         off, away = errors_at(moved)
         if max(float(np.abs(moved[a] - before[a]).max()) for a in moved) < _SETTLED:
             break
-    if not np.isfinite(off).all() or _rms(off) > max(0.5 * _rms(first[0]), 1e-9):
+    along_axes = [v if reach is None else (reach @ v[..., None])[..., 0] for v in (first[0], off)]
+    sizes = [_rms(v) for v in along_axes]
+    if not np.isfinite(off).all() or sizes[1] > max(0.5 * sizes[0], 1e-9):
         raise NotConvergedError(
-            f"the corrected path does not settle: {format_length(_rms(first[0]))} -> "
-            f"{format_length(_rms(off))}; are the errors in m and rad?"
+            f"the corrected path does not settle: {format_length(sizes[0])} -> "
+            f"{format_length(sizes[1])}; are the errors in m and rad?"
         )
     correction = {a: moved[a] - nominal[a] for a in moved}
+    messages = _messages(held, correction, turning, np.linalg.norm(away, axis=-1))
+    if reach is not None:
+        across = float(np.linalg.norm(off - along_axes[1], axis=-1).max())
+        stays = f"up to {format_length(across)} of error stay there"
+        messages += (f"{' and '.join(free)} do not move the tool across their plane: {stays}",)
     if max_step is not None:
         _refuse_jumps(correction, turning, numbers.quantity(max_step, "max_step", "angle"))
     return CorrectedPath(
@@ -235,7 +244,7 @@ def correct_path(
         turn_before=first[1],
         turn_left=np.linalg.norm(away, axis=-1),
         held=freeze_mapping(held),
-        messages=_messages(held, correction, turning, np.linalg.norm(away, axis=-1)),
+        messages=messages,
         audit=freeze_mapping(
             {"tool_mm": [float(v) * 1e3 for v in np.ravel(tool_point(tool))[:3]]}
         ),
@@ -266,18 +275,38 @@ def _linear_axes(chain: Chain, given: Mapping[str, Any]) -> tuple[str, ...]:
     return free
 
 
-def _solved(
-    chain: Chain, q: Mapping[str, FloatArray], free: tuple[str, ...], wanted: FloatArray
-) -> FloatArray:
-    """Return moves of the linear axes that shift the tool point by what is wanted, (..., k)."""
+def reach_of(chain: Chain, q: Positions) -> FloatArray | None:
+    """Return what takes a vector to its part that linear axes can move, (..., 3, 3); None if that is all."""
+    at = {a: np.asarray(v, dtype=np.float64) for a, v in q.items()}
+    M = _columns(chain, at, _three(chain))
+    return None if M.shape[-1] > 2 else np.asarray(M @ np.linalg.pinv(M))
+
+
+def _columns(chain: Chain, q: Mapping[str, FloatArray], free: tuple[str, ...]) -> FloatArray:
+    """Return by how much the tool point moves in the workpiece when each linear axis does, (..., 3, k)."""
     here = chain.transform(q)[..., :3, 3]
     columns = [chain.transform({**q, a: q[a] + 1.0})[..., :3, 3] - here for a in free]
-    M = np.stack(columns, axis=-1) if columns else np.zeros((*wanted.shape, 0))
-    if M.shape[-1] != 3 or np.linalg.svd(M.reshape(-1, 3, 3)[0], compute_uv=False)[-1] < _SAME:
+    return np.stack(columns, axis=-1) if columns else np.zeros((*here.shape, 0))
+
+
+def _solved(
+    chain: Chain,
+    q: Mapping[str, FloatArray],
+    free: tuple[str, ...],
+    wanted: FloatArray,
+    *,
+    least: int = 3,
+) -> FloatArray:
+    """Return moves of the linear axes that shift the tool point by what is wanted, or nearest to it, (..., k)."""
+    M = _columns(chain, q, free)
+    k = M.shape[-1]
+    if not least <= k <= 3 or np.linalg.svd(M.reshape(-1, 3, k)[0], compute_uv=False)[-1] < _SAME:
         raise DataError(
             f"the linear axes {', '.join(free) or '(none)'} do not move the tool in all three directions "
             "of the workpiece; a path can only be corrected where they do"
         )
+    if k < 3:
+        return np.asarray((np.linalg.pinv(M) @ wanted[..., None])[..., 0])
     return np.asarray(np.linalg.solve(M, wanted[..., None])[..., 0])
 
 
