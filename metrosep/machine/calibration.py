@@ -53,7 +53,7 @@ from metrosep.machine.terms import ConstantTerm, ErrorTerm
 __all__ = ["Calibration", "ReadingSet", "calibrate", "plan_calibration"]
 
 
-_PRIOR = {"m": 5e-6, "rad": 30e-6, "1": math.inf}
+LARGEST_ERROR = {"m": 5e-6, "rad": 30e-6, "1": math.inf}
 """A direction with a larger standard uncertainty is reported: the readings hardly determine it."""
 
 _LOUDER = 4.0
@@ -514,7 +514,7 @@ def terms_found(
 
 def hardly_known(names: Sequence[str], units: Sequence[str], cov: FloatArray) -> tuple[str, ...]:
     """Return a sentence for each direction whose u is beyond what any machine would have."""
-    prior = np.array([_PRIOR[unit] for unit in units])
+    prior = np.array([LARGEST_ERROR[unit] for unit in units])
     values, vectors = np.linalg.eigh(cov / np.outer(prior, prior))
     sentences = []
     for value, vector in zip(values[::-1], vectors.T[::-1], strict=True):
@@ -524,7 +524,7 @@ def hardly_known(names: Sequence[str], units: Sequence[str], cov: FloatArray) ->
         chosen = [names[i] for i in np.argsort(-part) if part[i] > 0.3 * part.max()]
         sentences.append(
             f"{', '.join(chosen)}: hardly separable by these readings; u is {math.sqrt(value):.2g} times "
-            f"what a machine has ({format_length(_PRIOR['m'])}, 30 urad)"
+            f"what a machine has ({format_length(LARGEST_ERROR['m'])}, 30 urad)"
         )
     return tuple(sentences)
 
@@ -653,7 +653,7 @@ def plan_calibration(
     J = [columns_of(chain, bases, volume, tool) for tool in tools]
     wanted = np.concatenate([j.reshape(-1, p) for j in J])
     square = wanted.T @ wanted / (wanted.shape[0] / 3)
-    prior = np.array([_PRIOR[unit] for unit in problem.units[:p]])
+    prior = np.array([LARGEST_ERROR[unit] for unit in problem.units[:p]])
     total = np.diag(1.0 / prior**2)
     left, order = list(range(len(candidates))), []
     for _ in range(min(len(left), most or len(left))):

@@ -306,3 +306,27 @@ def test_a_recipe_with_curves_of_wrong_orders_is_refused(tmp_path, monkeypatch):
             out=tmp_path / "out"
         )
     assert not (tmp_path / "out" / "C.csv").exists()
+
+
+def test_orders_are_chosen_by_what_foretells_the_rest_of_the_map():
+    """A cubic and two harmonics with noise alike over a length, which a curve must not follow."""
+    found = found_of(part(white=1e-9, bell=3e-9, seed=5), curves=dict.fromkeys(CURVES, "auto"))
+    assert found.bases["EZX"].orders == (1, 2, 3)
+    assert max(found.bases["EZC"].orders) == 2
+    assert max(found.bases["EBC"].orders) <= 3  # one of them by chance
+    assert "models compared: EZX 3, EZC 2" in " ".join(found.messages)
+    rho = np.linspace(1e-3, 16.5e-3, 9)
+    off = without_mean(found["EZX"].evaluate(rho)) - without_mean(slide_z(rho))
+    assert np.abs(off / found["EZX"].sd(rho)).max() < _THREE_U
+
+
+def test_a_curve_that_would_be_taken_for_another_is_named():
+    """A sphere: EXX of 70 nm goes into EZX by many u, and the residual holds nothing of it."""
+    found = found_of(part(60e-3, white=1e-9), Sphere(R=60e-3), {"EZX": 6, "EZC": 3, "EBC": 2})
+    rho = np.linspace(1e-3, 16.5e-3, 9)
+    line = np.polynomial.polynomial.polyfit
+    off = found["EZX"].evaluate(rho) - slide_z(rho)
+    off -= np.polynomial.polynomial.polyval(rho, line(rho, off, 2))  # the setting, a defocus
+    said = next(m for m in found.messages if "may be taken for" in m)
+    assert np.abs(off / found["EZX"].sd(rho)).max() > 3.0
+    assert "EXX (for EZX" in said
