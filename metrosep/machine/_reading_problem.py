@@ -296,18 +296,22 @@ class Problem:
         whole = values if reading.total else values + reading.instrument.nominal(view)
         return view, columns, whole
 
+    def block(self, k: int, instrument: Instrument) -> tuple[FloatArray, FloatArray]:
+        """Return columns (n, m, p) and readings less their nominal (n, m) of one set."""
+        view, columns, whole = self.parts[k]
+        block = np.zeros((*whole.shape, len(self.names)))
+        block[..., : self.n_terms] = instrument.of_errors(view) @ columns
+        for name, where in self.unknown_at[k].items():
+            form = self.forms[k].columns[:, None, :] if name == "form" else None
+            block[..., where] = instrument.of_unknown(name, view) if form is None else form
+        return block, whole - instrument.nominal(view)
+
     def assembled(self, current: list[Instrument], good: list[Any]) -> System:
         """Return the linear problem about the current set-ups."""
         blocks, rests, streams, rows, ends, at = [], [], [], [], [], 0
         for k, instrument in enumerate(current):
-            view, columns, whole = self.parts[k]
-            n, m = whole.shape
-            block = np.zeros((n, m, len(self.names)))
-            block[..., : self.n_terms] = instrument.of_errors(view) @ columns
-            for name, where in self.unknown_at[k].items():
-                form = self.forms[k].columns[:, None, :] if name == "form" else None
-                block[..., where] = instrument.of_unknown(name, view) if form is None else form
-            rest = whole - instrument.nominal(view)
+            block, rest = self.block(k, instrument)
+            m = rest.shape[1]
             chosen = []
             for c in range(m):
                 index = np.flatnonzero(good[k][:, c])

@@ -588,6 +588,8 @@ def plan_calibration(
     tools: Sequence[ArrayLike] = ((0.0, 0.0, 0.0),),
     noise: float = 1e-7,
     degrees: int | Mapping[str, int] | None = None,
+    terms: Sequence[str] | None = None,
+    done: Sequence[ReadingSet] = (),
     most: int | None = None,
 ) -> list[tuple[str, float]]:
     """Return set-ups in the order in which each adds most to what is known of a working volume.
@@ -606,6 +608,10 @@ def plan_calibration(
         Standard uncertainty of one reading where a set states none.
     degrees : int or mapping of str to int, optional
         As for `calibrate`.
+    terms : sequence of str, optional
+        As for `calibrate`.
+    done : sequence of ReadingSet, optional
+        What has been read already: the question is what candidates add to it.
     most : int, optional
         How many set-ups; all of them if omitted.
 
@@ -622,8 +628,9 @@ def plan_calibration(
 
     Notes
     -----
-    Information of a set-up: ``A'A / s^2`` with its unknowns projected off (eq. 18 of [1]_); a prior of 5 um
-    and 30 urad for each coefficient keeps the first steps finite.
+    Information of a set-up: ``A'A / s^2``; unknowns of all set-ups are free (eq. 18 of [1]_, and the profile of an
+    artefact that several share is one unknown); a prior of 5 um and 30 urad for each coefficient keeps
+    the first steps finite. Noise is white.
 
     References
     ----------
@@ -631,34 +638,44 @@ def plan_calibration(
     """
     if not candidates:
         raise DataError("no candidate is given")
-    bases = bases_of(chain, candidates, degrees, None, {})
+    everything = [*candidates, *done]
+    bases = bases_of(chain, everything, degrees, terms, {})
     if not bases:
         raise DataError("no term is left to find: the axes do not move in any candidate")
-    problem = Problem(chain, bases, list(candidates))
+    problem = Problem(chain, bases, everything)
     p = problem.n_terms
-    everything = [np.isfinite(np.asarray(s.values)) for s in candidates]
-    system = problem.assembled([s.instrument for s in candidates], everything)
-    information, begin = [], 0
-    for k, (reading, end) in enumerate(zip(candidates, system.ends, strict=True)):
-        rows = system.X[begin:end]
-        own = [
-            i for where in problem.unknown_at[k].values() for i in range(where.start, where.stop)
-        ]
-        A = rows[:, :p]
-        if own:
-            Q = np.linalg.qr(rows[:, own] / system.sizes[own])[0]
-            A = A - Q @ (Q.T @ A)
-        information.append(A.T @ A / (reading.u or noise) ** 2)
-        begin = end
+    information = []
+    for k, reading in enumerate(everything):
+        good = np.isfinite(np.asarray(reading.values))
+        rows = problem.block(k, reading.instrument)[0][good]
+        information.append(rows.T @ rows / (reading.u or noise) ** 2)
     J = [columns_of(chain, bases, volume, tool) for tool in tools]
     wanted = np.concatenate([j.reshape(-1, p) for j in J])
     square = wanted.T @ wanted / (wanted.shape[0] / 3)
     prior = np.array([LARGEST_ERROR[unit] for unit in problem.units[:p]])
-    total = np.diag(1.0 / prior**2)
+    total = np.zeros((len(problem.names),) * 2)
+    total[range(p), range(p)] = 1.0 / prior**2
+    total += sum(information[len(candidates) :])
     left, order = list(range(len(candidates))), []
     for _ in range(min(len(left), most or len(left))):
-        sizes = [float(np.trace(np.linalg.solve(total + information[k], square))) for k in left]
+        sizes = [_spread(total + information[k], p, square) for k in left]
         best = left.pop(int(np.argmin(sizes)))
         total = total + information[best]
         order.append((problem.labels[best], math.sqrt(min(sizes))))
     return order
+
+
+def _spread(information: FloatArray, p: int, square: FloatArray) -> float:
+    """Return the mean variance over the volume when unknowns of the set-ups (behind p) are free."""
+    used = np.flatnonzero(np.diag(information)[p:] > 0.0) + p
+    own = information[np.ix_(used, used)]
+    size = np.sqrt(np.diag(own))
+    values, vectors = np.linalg.eigh(own / np.outer(size, size))
+    known = values > NULL * values.max(
+        initial=0.0
+    )  # of squares: what set-ups cannot tell apart takes nothing
+    across = (information[:p][:, used] / size) @ (vectors[:, known] / np.sqrt(values[known]))
+    rest = information[:p, :p] - across @ across.T
+    scale = np.sqrt(np.diag(information)[:p])
+    inverse = np.linalg.inv(rest / np.outer(scale, scale)) / np.outer(scale, scale)
+    return float(np.sum(inverse * square))
