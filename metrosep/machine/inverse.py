@@ -31,7 +31,7 @@ __all__ = ["CorrectedPath", "correct_path", "inverse_kinematics", "reach_of"]
 _ROUNDS = 6
 _SETTLED = 1e-12
 _SINGULAR = math.sin(math.radians(2.0))
-"""Below this share an axis of rotation hardly turns the tool: it is left where it is."""
+"""Below this share an axis of rotation hardly turns the tool: its correction goes to zero at half of it."""
 _SAME = 1e-9
 _STEP = 1e-6
 
@@ -172,8 +172,8 @@ def correct_path(
     Notes
     -----
     Orientation first: least squares of the direction of the tool by the rotary axes; an axis that
-    turns the tool by less than sin 2 deg of its own turn is left alone there (singular pose:
-    dC = e / sin A). Then the linear axes take the tool point to its place; those of a lathe (two) as near
+    turns the tool by less than sin 2 deg of its own turn is corrected less and less there (singular pose:
+    dC = e / sin A), and within 1 deg not at all. Then the linear axes take the tool point to its place; those of a lathe (two) as near
     as they can, and what stays across them is said.
 
     References
@@ -213,7 +213,7 @@ def correct_path(
     for _ in range(_ROUNDS):
         before = dict(moved)
         if turning:
-            turned, held = _turns(chain, nominal, turning, axis, away)
+            turned, held = _turns(chain, nominal, turning, axis, away, first[1])
             moved |= {a: moved[a] - change for a, change in turned.items()}
             off, _ = errors_at(moved)
         shifts = _solved(chain, nominal, free, -off, least=2)
@@ -316,6 +316,7 @@ def _turns(
     turning: list[str],
     axis: FloatArray,
     away: FloatArray,
+    first: FloatArray,
 ) -> tuple[dict[str, FloatArray], dict[str, Any]]:
     """Return by how much rotary axes turned too far, and where one of them cannot tell."""
 
@@ -325,10 +326,13 @@ def _turns(
     columns = [(direction(a, _STEP) - direction(a, -_STEP)) / (2.0 * _STEP) for a in turning]
     M = np.stack(columns, axis=-1)
     weak = np.linalg.norm(M, axis=-2) < _SINGULAR
-    M = np.where(weak[..., None, :], 0.0, M)
     U, s, Vt = np.linalg.svd(M, full_matrices=False)
-    inverse = np.where(s > _SINGULAR, 1.0 / np.where(s > _SINGULAR, s, 1.0), 0.0)
-    found = np.einsum("...ji,...j,...kj,...k->...i", Vt, inverse, U, away)
+    # without a step: a path through the singular pose would have to jump there
+    share = np.clip((s - 0.5 * _SINGULAR) / (0.5 * _SINGULAR), 0.0, 1.0)
+    weight = share**2 * (3.0 - 2.0 * share)
+    goes = away - np.einsum("...jk,...k,...ik,...i->...j", U, 1.0 - weight, U, first)
+    inverse = np.where(share > 0.0, 1.0 / np.where(share > 0.0, s, 1.0), 0.0)
+    found = np.einsum("...ji,...j,...kj,...k->...i", Vt, inverse, U, goes)
     turned = {a: found[..., i] for i, a in enumerate(turning)}
     return turned, {a: weak[..., i] for i, a in enumerate(turning)}
 
@@ -359,7 +363,7 @@ def _messages(
         if n:
             size = _rms(left[held[a]])
             said.append(
-                f"{a} hardly turns the tool at {n} of {held[a].size} poses and was not corrected there: "
+                f"{a} hardly turns the tool at {n} of {held[a].size} poses and was not or hardly corrected there: "
                 f"{size * 1e6:.3g} urad RMS of orientation stay"
             )
         said.append(
