@@ -33,6 +33,7 @@ _SETTLED = 1e-12
 _SINGULAR = math.sin(math.radians(2.0))
 """Below this share an axis of rotation hardly turns the tool: its correction goes to zero at half of it."""
 _SAME = 1e-9
+_AT_ONCE = 20_000
 _STEP = 1e-6
 
 
@@ -173,8 +174,8 @@ def correct_path(
     -----
     Orientation first: least squares of the direction of the tool by the rotary axes; an axis that
     turns the tool by less than sin 2 deg of its own turn is corrected less and less there (singular pose:
-    dC = e / sin A), and within 1 deg not at all. Then the linear axes take the tool point to its place; those of a lathe (two) as near
-    as they can, and what stays across them is said.
+    dC = e / sin A), and within 1 deg not at all. Then the linear axes take the tool point to its place;
+    those of a lathe (two) as near as they can, and what stays across them is said.
 
     References
     ----------
@@ -197,12 +198,82 @@ def correct_path(
     shape = np.broadcast_shapes((1,), *(v.shape for v in at.values()))
     nominal = {a: np.broadcast_to(v, shape).astype(np.float64) for a, v in at.items()}
     free = _linear_axes(chain, {a: v for a, v in nominal.items() if a not in _three(chain)})
-    reach = reach_of(chain, nominal)
     turning = [e.name for e in chain.elements if e.kind == "rotary" and e.name in nominal]
+    # in parts: the poses of a path of a million blocks would take gigabytes
+    parts = [
+        _settled(
+            chain,
+            errors,
+            {a: v[i : i + _AT_ONCE] for a, v in nominal.items()},
+            tool,
+            axis,
+            turning,
+        )
+        for i in range(0, shape[0], _AT_ONCE)
+    ]
+    moved = {a: np.concatenate([p.moved[a] for p in parts]) for a in nominal}
+    held = {a: np.concatenate([p.held[a] for p in parts]) for a in turning}
+    before, turned, off, away, reached, across = (
+        np.concatenate([getattr(p, name) for p in parts])
+        for name in ("before", "turn_before", "left", "turn_left", "reached", "across")
+    )
+    sizes = [_rms(reached[:, i]) for i in (0, 1)]
+    if not np.isfinite(off).all() or sizes[1] > max(0.5 * sizes[0], 1e-9):
+        raise NotConvergedError(
+            f"the corrected path does not settle: {format_length(sizes[0])} -> "
+            f"{format_length(sizes[1])}; are the errors in m and rad?"
+        )
+    correction = {a: moved[a] - nominal[a] for a in moved}
+    messages = _messages(held, correction, turning, away)
+    if len(free) < 3:
+        stays = f"up to {format_length(float(across.max()))} of error stay there"
+        messages += (f"{' and '.join(free)} do not move the tool across their plane: {stays}",)
+    if max_step is not None:
+        _refuse_jumps(correction, turning, numbers.quantity(max_step, "max_step", "angle"))
+    return CorrectedPath(
+        q=freeze_mapping(moved),
+        correction=freeze_mapping(correction),
+        before=before,
+        left=off,
+        turn_before=turned,
+        turn_left=away,
+        held=freeze_mapping(held),
+        messages=messages,
+        audit=freeze_mapping(
+            {"tool_mm": [float(v) * 1e3 for v in np.ravel(tool_point(tool))[:3]]}
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Settled:
+    """Commands of some poses, and what they leave."""
+
+    moved: Mapping[str, FloatArray]
+    held: Mapping[str, Any]
+    before: FloatArray  # (n, 3), m
+    left: FloatArray
+    turn_before: FloatArray  # (n,), rad
+    turn_left: FloatArray
+    reached: FloatArray  # (n, 2), m: of before and left what linear axes can move
+    across: FloatArray  # (n,), m: of left what they cannot
+
+
+def _settled(
+    chain: Chain,
+    errors: Errors,
+    nominal: Mapping[str, FloatArray],
+    tool: ArrayLike,
+    axis: FloatArray,
+    turning: list[str],
+) -> _Settled:
+    """Return the commands whose actual poses are the nominal ones."""
+    free = _linear_axes(chain, {a: v for a, v in nominal.items() if a not in _three(chain)})
+    reach = reach_of(chain, nominal)
     goal = chain.transform(nominal, tool=tool)
     place, along = goal[..., :3, 3], goal[..., :3, :3] @ axis
     moved = {a: v.copy() for a, v in nominal.items()}
-    held = {a: np.zeros(shape, dtype=bool) for a in turning}
+    held: dict[str, Any] = {}
 
     def errors_at(commands: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
         actual = chain.transform(commands, errors, tool=tool, exact=True)
@@ -221,33 +292,16 @@ def correct_path(
         off, away = errors_at(moved)
         if max(float(np.abs(moved[a] - before[a]).max()) for a in moved) < _SETTLED:
             break
-    along_axes = [v if reach is None else (reach @ v[..., None])[..., 0] for v in (first[0], off)]
-    sizes = [_rms(v) for v in along_axes]
-    if not np.isfinite(off).all() or sizes[1] > max(0.5 * sizes[0], 1e-9):
-        raise NotConvergedError(
-            f"the corrected path does not settle: {format_length(sizes[0])} -> "
-            f"{format_length(sizes[1])}; are the errors in m and rad?"
-        )
-    correction = {a: moved[a] - nominal[a] for a in moved}
-    messages = _messages(held, correction, turning, np.linalg.norm(away, axis=-1))
-    if reach is not None:
-        across = float(np.linalg.norm(off - along_axes[1], axis=-1).max())
-        stays = f"up to {format_length(across)} of error stay there"
-        messages += (f"{' and '.join(free)} do not move the tool across their plane: {stays}",)
-    if max_step is not None:
-        _refuse_jumps(correction, turning, numbers.quantity(max_step, "max_step", "angle"))
-    return CorrectedPath(
-        q=freeze_mapping(moved),
-        correction=freeze_mapping(correction),
-        before=first[0],
-        left=off,
-        turn_before=first[1],
-        turn_left=np.linalg.norm(away, axis=-1),
-        held=freeze_mapping(held),
-        messages=messages,
-        audit=freeze_mapping(
-            {"tool_mm": [float(v) * 1e3 for v in np.ravel(tool_point(tool))[:3]]}
-        ),
+    of_axes = [v if reach is None else (reach @ v[..., None])[..., 0] for v in (first[0], off)]
+    return _Settled(
+        moved,
+        held,
+        first[0],
+        off,
+        np.linalg.norm(first[1], axis=-1),
+        np.linalg.norm(away, axis=-1),
+        np.stack([np.linalg.norm(v, axis=-1) for v in of_axes], axis=-1),
+        np.linalg.norm(off - of_axes[1], axis=-1),
     )
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import os
 import re
+from array import array
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -68,7 +69,7 @@ _UNITS = {"mm": MM, "inch": INCH}
 _SAME_TIME = 0.1
 """Share by which a correction may change how long a turn takes, as an override does, before F must be known."""
 _FEWEST, _MOST_LOOKS = 16, 1 << 20
-_AT_ONCE = 100_000
+_AT_ONCE = 20_000
 _BLOCK = re.compile(r"/?\s*(?:[NGMOT]\s*\d|[A-Z]\s*=)", re.IGNORECASE)
 
 
@@ -80,7 +81,8 @@ class _Moves:
     line: list[int] = field(default_factory=list)  # from 0
     feed: list[bool] = field(default_factory=list)
     inverse: list[bool] = field(default_factory=list)  # G93 in force
-    place: list[list[float]] = field(default_factory=list)  # NaN where not known
+    # of all axes, one move after another, NaN where not known: numbers, a list of lists is 5 times as large
+    place: array[float] = field(default_factory=lambda: array("d"))
     broken: list[bool] = field(default_factory=list)  # the place before the move is not known
     part: list[bool] = field(default_factory=list)  # words are places on the part
     # F of G94 as it is written; empty where none is in force
@@ -384,7 +386,7 @@ class _Program:
             self.moves.line.append(row)
             self.moves.feed.append(self.state.motion == 1)
             self.moves.inverse.append(self.state.feed_mode == "G93")
-            self.moves.place.append(place)
+            self.moves.place.extend(place)
             self.moves.broken.append(broken)
             self.moves.part.append(bool(self.state.part))
             self.moves.rate.append(rate)
@@ -557,7 +559,7 @@ class _Program:
         digits_at: Any,
     ) -> int:
         """Put the numbers into the blocks; what was meant is kept beside."""
-        nominal, meant, digits_of_all, at = [], [], [], []
+        nominal, meant, digits_of_all, at = array("d"), array("d"), array("d"), array("q")
         held = [math.nan] * len(self.moves.axes)  # what the machine holds, as written
         changed, move, added = 0, 0, 0
         by_move = {int(r): i for i, r in enumerate(rows.tolist())}
@@ -576,7 +578,7 @@ class _Program:
             before = list(held)
             within = extra.get(i, (np.empty((0, len(held))), np.empty((0, len(held)))))
             steps = [*zip(*within, strict=True), (places[i], dq[i])]
-            texts = []
+            texts, now = [], [before]
             for number, (place, more) in enumerate(steps, 1):
                 words = {}
                 for j, axis in enumerate(self.moves.axes):
@@ -589,14 +591,13 @@ class _Program:
                         words[axis] = own[axis].number if kept else text
                     held[j] = value
                 texts.append(words)
-                nominal.append(place)
-                meant.append(list(held))
-                digits_of_all.append(digits)
+                now.append(list(held))
+                nominal.extend(place)
+                meant.extend(held)
+                digits_of_all.extend(digits)
                 at.append(move)
                 move += 1
-            feeds = self._inverse_feeds(
-                machine, k, places[i - 1 : i + 1], [before, *meant[-len(steps) :]]
-            )
+            feeds = self._inverse_feeds(machine, k, places[i - 1 : i + 1], now)
             new = self._blocks(row, tokens, own, texts, self.moves.inverse[k], feeds)
             if new != self.lines[row]:
                 changed += 1
@@ -606,11 +607,14 @@ class _Program:
         self._change_feed_modes()
         if added or self.timed:
             self.lines = byte_lines(self.lines)
-        self.nominal, self.meant = np.array(nominal), np.array(meant)
+        width = len(self.moves.axes)
+        self.nominal, self.meant, self.meant_digits = (
+            np.array(v).reshape(-1, width) for v in (nominal, meant, digits_of_all)
+        )
         self.on_part = np.array(self.moves.part)[rows].repeat(
             [1 + len(extra.get(i, ((), ()))[0]) for i in range(rows.size)]
         )
-        self.meant_digits, self.written_at = np.array(digits_of_all, dtype=float), np.array(at)
+        self.written_at = np.array(at)
         return changed
 
     def _inverse_feeds(
