@@ -27,6 +27,7 @@ from metrosep.machine._bases import Basis, CurveTerm, UnseenTerm, null_sentences
 from metrosep.machine._drift_noise import Fit, rounding_covariance
 from metrosep.machine._model_choice import (
     factors_of_sets,
+    lines_left,
     raised_degrees,
     sets_that_add_nothing,
     shapes_left,
@@ -395,6 +396,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         for axis, order in found.lacking.items()
     ]
     messages += sets_that_add_nothing(problem, system)
+    messages += lines_left(problem, system, fit)
     messages += shapes_left(problem, system, fit)
     messages += factors_of_sets(problem, system, fit)
     messages += repeated_rows(sets, problem.labels, fit.scales)
