@@ -507,7 +507,7 @@ def _print_measured(name: str, found: Mapping[str, Any]) -> None:
 @click.option(
     "--curves",
     metavar="TERM=N,...",
-    help='Terms that are curves, with their orders (--identify): "EZX=6,EZC=3".',
+    help='Terms that are curves (--identify), with their orders or auto: "EZX=auto,EZC=3".',
 )
 @click.option("--radius", metavar="LENGTH", help="Radius of the part (--identify).")
 @click.option("-o", "--out", metavar="DIR", help="Folder for the report (--identify).")
@@ -625,12 +625,17 @@ def _identify(
     return identified(context, file, machine, form_text, options=options, out=out, as_json=as_json)
 
 
-def _orders(text: str) -> dict[str, int]:
+def _orders(text: str) -> dict[str, int | str]:
     """Return terms and orders that were typed."""
-    found = {}
+    found: dict[str, int | str] = {}
     for name, order in name_values(tuple(text.split(",")), "--curves"):
+        if order.strip().lower() == "auto":
+            found[name.strip()] = "auto"
+            continue
         if not order.strip().isdecimal():
-            raise click.UsageError(f"--curves {name}={order}: a whole number of orders is needed")
+            raise click.UsageError(
+                f"--curves {name}={order}: a whole number of orders is needed, or auto"
+            )
         found[name.strip()] = int(order)
     return found
 

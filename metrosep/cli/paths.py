@@ -85,6 +85,11 @@ __all__ = ["path"]
     help="Meaning of X words in a program without G7 or G8.",
 )
 @click.option(
+    "--rotary-feed",
+    type=click.Choice(["linear", "all"]),
+    help="With --machine: F of G94 is along the linear axes while one moves, or along all axes.",
+)
+@click.option(
     "--c-rollover/--c-linear",
     "c_rollover",
     default=None,
@@ -194,12 +199,12 @@ def path(
     return 0
 
 
-_OF_MACHINES = ("pivot_height", "tool", "zeros", "max_step")
+_OF_MACHINES = ("pivot_height", "tool", "zeros", "max_step", "rotary_feed")
 _OF_PARTS = (
-    "centre", "c_sense", "c_zero", "decimals", "diameter", "c_rollover", "g_system", "outside",
+    "centre", "c_sense", "c_zero", "decimals", "c_rollover", "g_system", "outside",
     "blocks_per_s", "columns",
 )  # fmt: skip
-_OF_PROGRAMS = ("tolerance", "path_unit", "harmless_m")
+_OF_PROGRAMS = ("tolerance", "path_unit", "harmless_m", "diameter", "rotary_feed")
 
 
 def _poses(
@@ -225,7 +230,7 @@ def _poses(
             raise click.UsageError(f"--{name.replace('_', '-')} does not go with --machine")
     blocks = is_program(source)
     for name in ("units",) if blocks else _OF_PROGRAMS:
-        if options[name] not in (None, ()):
+        if {**options, **own}[name] not in (None, ()):
             option = "column-unit" if blocks else name.replace("_", "-")
             what = "a program of G-code" if blocks else "a list of positions"
             raise click.UsageError(f"--{option} does not go with {source}, which is {what}")
@@ -238,7 +243,9 @@ def _poses(
         given["max_step"] = quantity(own["max_step"], "--max-step", "angle")
     if blocks:
         given |= _lengths(options, ("tolerance",))
-        given |= {"unit": options["path_unit"], "harmless_m": options["harmless_m"]}
+        given |= {"unit": options["path_unit"]}
+        given |= {k: options[k] for k in ("harmless_m", "diameter")}
+        given["rotary_feed"] = own["rotary_feed"]
     else:
         given["units"] = dict(name_values(options["units"], "--column-unit"))
     rewrite = rewrite_machine_program if blocks else rewrite_poses
@@ -288,7 +295,10 @@ def _words(message: str) -> str:
 
     for old, new in (
         ("unit='mm' (or 'inch')", "path_unit='mm' (or inch)"),
+        ("diameter=True or diameter=False", "--diameter or --radius"),
         ("diameter=True", "--diameter"),
+        ("rotary_feed='linear'", "--rotary-feed linear"),
+        ("; 'all' if F", "; all if F"),
         ("give diameter= as", "give --diameter or --radius as"),
         ("centre=(x, y) in m", '--centre "X, Y"'),
         (

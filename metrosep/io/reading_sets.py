@@ -46,7 +46,18 @@ _KINDS: Mapping[str, Callable[..., Instrument]] = {
     "length": Length,
 }
 _POINTS = ("ball", "station", "point")
-_COMMON = ("instrument", "name", "tool", "unknown", "u", "total", "at", "end", "artefact")
+_COMMON = (
+    "instrument",
+    "name",
+    "tool",
+    "unknown",
+    "u",
+    "total",
+    "resolution",
+    "at",
+    "end",
+    "artefact",
+)
 _OWN = {
     "displacement": ("direction", "frame", "point"),
     "angle": ("direction", "frame"),
@@ -112,7 +123,12 @@ def read_reading_set(
         instrument = _KINDS[kind](**own)
         is_angle = instrument.is_angle
         values = _readings(file, table, instrument, needed=needs_readings)
-        u = setup.get("u")
+        kind_of = "angle" if is_angle else "length"
+        numbers = {
+            k: quantity(setup[k], k, kind_of)
+            for k in ("u", "resolution")
+            if setup.get(k) is not None
+        }
         return ReadingSet(
             instrument,
             q,
@@ -120,9 +136,9 @@ def read_reading_set(
             tool=_point(setup["tool"], "tool") if "tool" in setup else (0.0, 0.0, 0.0),
             unknown=tuple(setup.get("unknown", ())),
             name=str(setup.get("name", file.name)),
-            u=None if u is None else quantity(u, "u", "angle" if is_angle else "length"),
             total=bool(setup.get("total", False)),
             artefact=str(setup.get("artefact", "")),
+            **numbers,
         )
     except FormatMismatchError:
         raise

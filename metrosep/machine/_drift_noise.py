@@ -180,6 +180,32 @@ class Gls:
         return value, beta, inverse, np.sqrt(variances)
 
 
+def rounding_covariance(
+    Z: FloatArray,
+    streams: Sequence[Stream],
+    fit: Fit,
+    steps: FloatArray,
+    alike: Sequence[NDArray[np.intp]],
+) -> FloatArray:
+    """Return what the digits of displays add to the covariance of the estimate (rows by stream).
+
+    A digit of step q has the variance q^2/12, in which the scatter s^2 is contained where it is larger;
+    readings that are `alike` (one place, one value) have one rounding error and average nothing out.
+    """
+    added = np.zeros_like(fit.cov)
+    for stream, group in zip(streams, alike, strict=True):
+        digit, s = float(steps[stream.which]) ** 2 / 12.0, float(fit.scales[stream.which])
+        if digit == 0.0 or not stream.rows.size:
+            continue
+        solved, _ = inverse_times(Z[stream.rows], stream.index, fit.a, fit.tau)
+        G = solved @ fit.cov / s**2  # by how much each reading moves the estimate, (n, r)
+        sums = np.zeros((int(group.max()) + 1, G.shape[1]))
+        np.add.at(sums, group, G)
+        own = max(digit - s**2, 0.0) - digit
+        added += digit * (sums.T @ sums) + own * (G.T @ G)
+    return added
+
+
 def inverse_times(
     columns: FloatArray, index: FloatArray, a: float, tau: float
 ) -> tuple[FloatArray, float]:

@@ -37,6 +37,9 @@ _FEWEST, _MOST = 12, 1000
 """Places of an axis in a set below which no wave is looked for, and waves that are tried."""
 _FOLLOWS, _FACTOR = 0.7, 3.0
 """Share of the readings of a set that others foretell but for a factor, and a factor that is none of noise."""
+_LINE = (
+    0.9  # share of a residual that is a straight line: noise in six places has it once in 250 sets
+)
 _SHOWN = 5.0
 """Standard deviations by which other sets must show what they foretell."""
 _ROUNDING = 1e-9
@@ -220,6 +223,33 @@ def factors_of_sets(problem: Problem, system: System, fit: Fit) -> list[str]:
                 f"{problem.labels[k]}: its readings are {factor:.3g} times what the other sets foretell of "
                 f"them; check its {'senses or direction' if factor < 0.0 else 'unit'}"
             )
+    return said
+
+
+def lines_left(problem: Problem, system: System, fit: Fit) -> list[str]:
+    """Return a sentence for each set whose residual is a straight line: the slope of a straightness is a convention."""
+    rest, said = system.y - system.design @ fit.beta, []
+    for stream in system.streams:
+        reading = problem.sets[stream.which]
+        if "slope" not in reading.instrument.unknowns or "slope" in reading.unknown:
+            continue
+        n = np.asarray(reading.values).shape[0]
+        for axis, place in reading.q.items():
+            x = np.broadcast_to(np.ravel(np.asarray(place)), (n,))[stream.index.astype(int)]
+            if problem.chain.dimensions.get(axis) != "length" or np.unique(x).size < _FEWEST // 2:
+                continue
+            y, x = rest[stream.rows] - rest[stream.rows].mean(), x - x.mean()
+            slope = float(x @ y) / float(x @ x)
+            is_rounding = abs(slope) * float(np.ptp(x)) <= _ROUNDING * float(
+                np.abs(system.y).max()
+            )
+            if not is_rounding and slope * float(x @ y) > _LINE * float(y @ y):
+                said.append(
+                    f"{problem.labels[stream.which]}: what is left of it is a straight line over {axis}, "
+                    f"{slope * 1e6:.3g} urad; by convention a straightness has no slope: add slope to its unknown "
+                    "(the artefact lies askew), or ask for the squareness that holds it"
+                )
+                break
     return said
 
 

@@ -24,17 +24,21 @@ from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_engineering, format_length
 from metrosep.forms.conic import Plane
 from metrosep.machine._bases import Basis, UnseenTerm, first_harmonic, null_sentences
+from metrosep.machine._curve_orders import chosen_orders, covered, fold_of, taken_for
 from metrosep.machine._measured import Measured, measured_points
 from metrosep.machine._mesh import Positions, axis_positions
 from metrosep.machine._reading_problem import NULL, ROUNDS, axis_of_term, columns_of
 from metrosep.machine._responses import vertical_maps
 from metrosep.machine.alignment import freedom_maps, removed_freedoms
-from metrosep.machine.calibration import Calibration, hardly_known, terms_found
+from metrosep.machine.calibration import LARGEST_ERROR, Calibration, hardly_known, terms_found
 from metrosep.machine.chains import Chain
 from metrosep.machine.elements import element_terms, term_unit
 
 N_RHO, N_AZIMUTH = 16, 36
 """Bins: harmonics to 12 and orders to 10 are seen well, and a covariance of all bins is quick."""
+
+AUTO = "auto"
+"""In place of a number of orders: choose it by cross-validation."""
 
 _FEWEST = 4
 """Pixels of a bin, on average."""
@@ -83,6 +87,7 @@ class _Part:
         FloatArray  # (3, n, n): sums of the second moments xx, xy, yy of two bins, of its square
     )
     radius: float
+    fold: NDArray[np.intp]  # (n,): which sixth of the map a bin is left out with
 
     def likeness(self, kind: str, length: float, used: NDArray[np.bool_]) -> FloatArray:
         """Return the correlation of the means of used bins, of a kernel over a length.
@@ -130,7 +135,7 @@ def curves_of_parts(
     chain: Chain,
     maps: Sequence[Any],
     form: Any,
-    curves: Mapping[str, int] | None,
+    curves: Mapping[str, int | str] | None,
     *,
     terms: Iterable[str],
     removed: str | Iterable[str],
@@ -157,26 +162,57 @@ def curves_of_parts(
         for m in given
     ]
     wanted = _checked_curves(chain, curves)
-    bases = _bases(chain, q, wanted, terms)
-    further = _bases(chain, q, _not_asked(chain, q, wanted), ())
-    with one_blas_thread():
+    free = [name for name in wanted if curves[name] == AUTO]
+    notes: list[str] = []
+
+    def problem(orders: Mapping[str, int], wider: Mapping[str, int]) -> Any:
+        bases = _bases(chain, q, orders, terms)
+        further = _bases(chain, q, wider, ())
         parts = [
             _binned(chain, m, at, bases, further, freedoms, tool, f"part {k + 1}")
             for k, (m, at) in enumerate(zip(given, q, strict=True))
         ]
-        bases, parts, gauge, dead = _without_gauge(bases, parts)
+        return further, *_without_gauge(bases, parts)
+
+    with one_blas_thread():
+        if free:
+            _, bases, parts, _, _ = problem(wanted, {})
+            chosen, tried = _chosen(bases, parts, free)
+            wanted |= chosen
+            if chosen:
+                listed = ", ".join(f"{n} {order}" for n, order in chosen.items())
+                notes.append(
+                    f"orders by cross-validation, {tried} models compared: {listed}; u does not contain the choice"
+                )
+        further, bases, parts, gauge, dead = problem(wanted, _not_asked(chain, q, wanted))
         if not bases:
             raise DataError(
                 f"the maps show nothing of {', '.join(curves)}: these parts do not depend on them, "
                 "or the alignment takes all"
             )
-        return _found(chain, parts, bases, further, gauge, dead)
+        return _found(chain, parts, bases, further, gauge, dead, notes)
+
+
+def _chosen(
+    bases: Mapping[str, Basis], parts: Sequence[_Part], free: Sequence[str]
+) -> tuple[dict[str, int], int]:
+    """Return the orders of the free curves by cross-validation over all parts, and the models compared."""
+    width = [part.own.shape[1] for part in parts]
+    whole = []
+    for k, part in enumerate(parts):
+        used = _without_gross(part)
+        noise = _noise_of(part, used)
+        own = [np.zeros((int(used.sum()), n)) for n in width]
+        own[k] = part.own[used]
+        rows = np.column_stack([part.X[used], *own, part.y[used]])
+        whole.append((covered(noise.shape(part, used), noise.scale), rows, part.fold[used]))
+    return chosen_orders(bases, free, whole, sum(width))
 
 
 def _checked_curves(chain: Chain, curves: Any) -> dict[str, int]:
     if not isinstance(curves, Mapping) or not curves:
         raise DataError(
-            f'curves gives each term its orders, {{"EZX": 6, "EZC": 3}}, got {curves!r}'
+            f'curves gives each term its orders or "auto", {{"EZX": 6, "EZC": "auto"}}, got {curves!r}'
         )
     chain.known_terms(tuple(curves))
     found = {}
@@ -187,7 +223,10 @@ def _checked_curves(chain: Chain, curves: Any) -> dict[str, int]:
                 f"{name} is a location error, one number: give it among terms, not among curves"
             )
         most = N_AZIMUTH // 3 if element.kind == "rotary" else 2 * N_RHO // 3
-        found[name] = numbers.count(order, f"the orders of {name}", least=1)
+        if order == AUTO:
+            found[name] = most
+            continue
+        found[name] = numbers.count(order, f'the orders of {name}, if not "auto",', least=1)
         if element.kind == "rotary" and found[name] < first_harmonic(element, name):
             raise DataError(
                 f"{name}: harmonic 1 of a radial or tilt motion is where the part sits, not an error "
@@ -295,6 +334,7 @@ def _binned(
         np.stack([np.subtract.outer(v, v) for v in place.T]),
         np.stack([np.add.outer(v, v) for v in moments.T]),
         outer,
+        fold_of(kept // n_azimuth, kept % n_azimuth, n_rho, n_azimuth),
     )
 
 
@@ -543,8 +583,12 @@ def _not_explained(
     used: Sequence[NDArray[np.bool_]],
     estimate: _Estimate,
     whitened: Sequence[tuple[FloatArray, FloatArray]],
-) -> tuple[str, ...]:
-    """Return terms of which the residuals hold a curve beyond chance, the likeliest first (score test)."""
+    bases: Mapping[str, Basis],
+) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
+    """Return terms of which the residuals hold a curve beyond chance, the likeliest first (score test).
+
+    And those that would be taken for what was asked for, with what they shift.
+    """
     from scipy.linalg import solve_triangular
     from scipy.stats import chi2
 
@@ -555,7 +599,7 @@ def _not_explained(
         ]
     )
     rows = np.concatenate([w for _, w in whitened])
-    Z = np.linalg.qr((rows[:, :-1] / estimate.sizes) @ estimate.V)[0]
+    Z, R = np.linalg.qr((rows[:, :-1] / estimate.sizes) @ estimate.V)
     rest = rows[:, -1] - Z @ (Z.T @ rows[:, -1])
     left = more - Z @ (Z.T @ more)
     found, at = {}, 0
@@ -572,7 +616,15 @@ def _not_explained(
                 found[name] = gain
     best = max(found.values(), default=0.0)
     strong = [n for n, gain in found.items() if gain >= _ALIKE * best]
-    return tuple(sorted(strong, key=lambda n: -found[n]))
+    names = [f"{n}{label}" for n, b in bases.items() for label in b.labels]
+    p = len(names)
+    shifts = (estimate.V @ np.linalg.solve(R, Z.T @ more) / estimate.sizes[:, None])[:p]
+    alike = taken_for(
+        further, tuple(n for n, b in bases.items() if b.kind != "constant"), more, left, shifts,
+        np.sqrt(np.maximum(np.diag(estimate.cov)[:p], 0.0)), names,
+        {n: LARGEST_ERROR[term_unit(chain, n)] for n in further},
+    )  # fmt: skip
+    return tuple(sorted(strong, key=lambda n: -found[n])), alike
 
 
 def _found(
@@ -582,6 +634,7 @@ def _found(
     further: Mapping[str, Basis],
     gauge: Sequence[str],
     dead: Sequence[str],
+    notes: Sequence[str] = (),
 ) -> Calibration:
     estimate, noises, used, whitened = _settled(parts)
     names = [f"{n}{label}" for n, b in bases.items() for label in b.labels]
@@ -596,7 +649,7 @@ def _found(
         errors[name] = UnseenTerm()
     u = np.sqrt(np.maximum(np.diag(estimate.cov), 0.0))
     unknowns, residuals, refused, noise = {}, {}, {}, {}
-    messages = [note for part in parts for note in part.measured.notes]
+    messages = [*notes, *(note for part in parts for note in part.measured.notes)]
     begin = p
     for part, good, its in zip(parts, used, noises, strict=True):
         mine = np.arange(begin, begin + len(part.own_names))
@@ -611,12 +664,18 @@ def _found(
         noise[part.label] = its.scale
         messages += _about_noise(part, its, refused[part.label])
     messages += _about(chain, bases, gauge, dead)
-    missing = _not_explained(chain, further, parts, used, estimate, whitened)
+    missing, alike = _not_explained(chain, further, parts, used, estimate, whitened, bases)
     if missing:
         like = f" ({', '.join(missing[1:])} would look alike)" if len(missing) > 1 else ""
         messages.append(
             f"the residual holds more of {missing[0]} over its travel than was asked for{like}: give "
             "it more orders among curves; u does not contain what is missing"
+        )
+    if alike:
+        listed = ", ".join(f"{n} (for {' and '.join(of)})" for n, of in alike.items())
+        messages.append(
+            f"curves that were not asked for may be taken for those that were, by more than 3 u, before the residual "
+            f"shows them: {listed}; where such a motion is possible ask for it too, or measure another form"
         )
     known = estimate.singular[estimate.singular > NULL * estimate.singular[0]]
     return Calibration(

@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
@@ -71,6 +71,8 @@ class ReadingSet:
         Standard uncertainty of one reading by its noise, m or rad; from the readings if omitted.
     total : bool, optional
         Whether the values hold the nominal reading too.
+    resolution : float, optional
+        Step of the display, m or rad; the one that all readings are whole numbers of if omitted.
     artefact : str, optional
         Name of the straightedge or square whose profile is the unknown ``form``: sets that name the
         same one share it, place by place along it. Height out of its surface, towards the tool, raises
@@ -95,6 +97,7 @@ class ReadingSet:
     name: str = ""
     u: float | None = None
     total: bool = False
+    resolution: float | None = None
     artefact: str = ""
 
     def __post_init__(self) -> None:
@@ -136,6 +139,9 @@ class ReadingSet:
             )
         if self.u is not None:
             object.__setattr__(self, "u", numbers.positive(self.u, f"u of {self.label}"))
+        if self.resolution is not None:
+            step = numbers.positive(self.resolution, f"resolution of {self.label}")
+            object.__setattr__(self, "resolution", step)
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "q", freeze_mapping(q))
         object.__setattr__(self, "unknown", named)
@@ -144,6 +150,11 @@ class ReadingSet:
     def label(self) -> str:
         """Name for messages."""
         return self.name or type(self.instrument).__name__.lower()
+
+    @property
+    def step(self) -> float:
+        """Step of the display, m or rad; 0 where all readings are one and nothing states it."""
+        return resolution_of(self.values) if self.resolution is None else self.resolution
 
 
 def bases_of(
@@ -244,7 +255,7 @@ class Problem:
         self._structural: FloatArray | None = None
         labels = _labels(sets)
         self.labels = labels
-        self.steps = np.array([resolution_of(s.values) for s in sets])
+        self.steps = np.array([s.step for s in sets])
         self.parts = [self._fixed(s) for s in sets]
         self.forms = _forms(sets, labels, [part[0].point for part in self.parts])
         shared: dict[str, slice] = {}
@@ -285,18 +296,22 @@ class Problem:
         whole = values if reading.total else values + reading.instrument.nominal(view)
         return view, columns, whole
 
+    def block(self, k: int, instrument: Instrument) -> tuple[FloatArray, FloatArray]:
+        """Return columns (n, m, p) and readings less their nominal (n, m) of one set."""
+        view, columns, whole = self.parts[k]
+        block = np.zeros((*whole.shape, len(self.names)))
+        block[..., : self.n_terms] = instrument.of_errors(view) @ columns
+        for name, where in self.unknown_at[k].items():
+            form = self.forms[k].columns[:, None, :] if name == "form" else None
+            block[..., where] = instrument.of_unknown(name, view) if form is None else form
+        return block, whole - instrument.nominal(view)
+
     def assembled(self, current: list[Instrument], good: list[Any]) -> System:
         """Return the linear problem about the current set-ups."""
         blocks, rests, streams, rows, ends, at = [], [], [], [], [], 0
         for k, instrument in enumerate(current):
-            view, columns, whole = self.parts[k]
-            n, m = whole.shape
-            block = np.zeros((n, m, len(self.names)))
-            block[..., : self.n_terms] = instrument.of_errors(view) @ columns
-            for name, where in self.unknown_at[k].items():
-                form = self.forms[k].columns[:, None, :] if name == "form" else None
-                block[..., where] = instrument.of_unknown(name, view) if form is None else form
-            rest = whole - instrument.nominal(view)
+            block, rest = self.block(k, instrument)
+            m = rest.shape[1]
             chosen = []
             for c in range(m):
                 index = np.flatnonzero(good[k][:, c])
@@ -337,6 +352,23 @@ class Problem:
                 if where.stop - where.start == 3:
                     size = np.linalg.norm(X[:, where], axis=0)
                     X[:, where][:, size < _SEEN * size.max()] = 0.0
+
+    def alike(self, system: System) -> list[NDArray[np.intp]]:
+        """Return by stream which readings are one number at one place, as whole numbers from 0."""
+        found, begin = [], 0
+        for stream in system.streams:
+            if stream.rows.size and stream.rows[0] in (0, *system.ends):
+                begin = 0  # the first column of a set
+            reading = self.sets[stream.which]
+            n, m = np.asarray(reading.values).shape
+            at = system.rows[stream.which][begin : begin + stream.rows.size]
+            begin += stream.rows.size
+            listed = [np.broadcast_to(v, (n,))[at // m] for v in reading.q.values()]
+            values = np.asarray(reading.values).ravel()[at]
+            # 1e-9 m or rad is one place; the step is far above the rounding of its multiples
+            keys = np.column_stack([*(np.round(v, 9) for v in listed), np.round(values, 12)])
+            found.append(np.unique(keys, axis=0, return_inverse=True)[1].ravel())
+        return found
 
     def start(self, robust: bool) -> tuple[list[Instrument], list[Any]]:
         """Return set-ups where the readings put them, and the readings that are not grossly wrong."""
@@ -529,7 +561,7 @@ def repeated_rows(
     first: dict[bytes, tuple[str, int]] = {}
     for reading, label, s in zip(sets, labels, scales, strict=True):
         values = np.asarray(reading.values)
-        step = resolution_of(values)
+        step = reading.step
         alike = min(
             1.0, step / (2.0 * math.sqrt(math.pi) * max(float(s), step / math.sqrt(12.0), 1e-30))
         )

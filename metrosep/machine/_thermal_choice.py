@@ -33,14 +33,25 @@ _UNSETTLED = 4.0  # standard deviations of what the first minutes hold of an ear
 
 
 def lagged(t: FloatArray, temperature: FloatArray, lag: float) -> FloatArray:
-    """Return x of ``lag x' = T - x``, settled at the start, for straight lines between the samples."""
+    """Return x of ``lag x' = T - x``, settled at the start, exact for parabolas between the samples.
+
+    The parabola of an interval passes its two ends and the next sample on the side where it bends less,
+    so that none reaches over a switching of the power, where T has a corner.
+    """
     if lag == 0.0:
         return temperature
     h = np.diff(t)
-    slope = np.diff(temperature) / h * lag
+    slope = np.diff(temperature) / h
+    bend = np.zeros_like(slope)
+    if h.size > 1:
+        inner = np.diff(slope) / (h[1:] + h[:-1])
+        before, after = np.append(inner[0], inner), np.append(inner, inner[-1])
+        bend = np.where(np.abs(before) < np.abs(after), before, after)
     decay = np.exp(-h / lag)
-    # on a ramp x - T + slope dies away with the lag
-    added = temperature[1:] - slope - (temperature[:-1] - slope) * decay
+    # T = T0 + m s + c s (s - h): x - (A + B s + c s^2) dies away with the lag
+    B = slope - bend * (h + 2.0 * lag)
+    A = temperature[:-1] - lag * B
+    added = A * (1.0 - decay) + (B + bend * h) * h
     x = [float(temperature[0])]
     for factor, more in zip(decay.tolist(), added.tolist(), strict=True):
         x.append(x[-1] * factor + more)

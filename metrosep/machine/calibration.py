@@ -24,9 +24,10 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_engineering, format_length
 from metrosep.machine._bases import Basis, CurveTerm, UnseenTerm, null_sentences
-from metrosep.machine._drift_noise import Fit
+from metrosep.machine._drift_noise import Fit, rounding_covariance
 from metrosep.machine._model_choice import (
     factors_of_sets,
+    lines_left,
     raised_degrees,
     sets_that_add_nothing,
     shapes_left,
@@ -53,11 +54,13 @@ from metrosep.machine.terms import ConstantTerm, ErrorTerm
 __all__ = ["Calibration", "ReadingSet", "calibrate", "plan_calibration"]
 
 
-_PRIOR = {"m": 5e-6, "rad": 30e-6, "1": math.inf}
+LARGEST_ERROR = {"m": 5e-6, "rad": 30e-6, "1": math.inf}
 """A direction with a larger standard uncertainty is reported: the readings hardly determine it."""
 
 _LOUDER = 4.0
 """Times the noise of the other sets of an instrument: one in a thousand of sets of ten readings."""
+
+_FINE = 1e-12  # m or rad: finer steps are those of numbers, not of a display
 
 _CONTRADICTS, _STRONGEST = 10.0, 10.0
 
@@ -360,7 +363,10 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     chain, fit, system, current = problem.chain, found.fit, found.system, found.current
     sets = problem.sets
     beta = system.V @ fit.beta / system.sizes
-    cov = (system.V @ fit.cov @ system.V.T) / np.outer(system.sizes, system.sizes)
+    of_digits = rounding_covariance(
+        system.design, system.streams, fit, problem.steps, problem.alike(system)
+    )
+    cov = (system.V @ (fit.cov + of_digits) @ system.V.T) / np.outer(system.sizes, system.sizes)
     rest = system.y - system.X @ beta
     residuals, noise, refused, chi2, n_stated = {}, {}, {}, 0.0, 0
     begin = 0
@@ -390,10 +396,12 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         for axis, order in found.lacking.items()
     ]
     messages += sets_that_add_nothing(problem, system)
+    messages += lines_left(problem, system, fit)
     messages += shapes_left(problem, system, fit)
     messages += factors_of_sets(problem, system, fit)
     messages += repeated_rows(sets, problem.labels, fit.scales)
     messages += _louder(sets, problem.labels, noise)
+    messages += _coarse(problem, noise)
     share = fit.beta.size * n_stated / max(system.y.size, 1)
     if n_stated:
         from scipy.stats import chi2 as chi2_of
@@ -508,7 +516,7 @@ def terms_found(
 
 def hardly_known(names: Sequence[str], units: Sequence[str], cov: FloatArray) -> tuple[str, ...]:
     """Return a sentence for each direction whose u is beyond what any machine would have."""
-    prior = np.array([_PRIOR[unit] for unit in units])
+    prior = np.array([LARGEST_ERROR[unit] for unit in units])
     values, vectors = np.linalg.eigh(cov / np.outer(prior, prior))
     sentences = []
     for value, vector in zip(values[::-1], vectors.T[::-1], strict=True):
@@ -518,7 +526,7 @@ def hardly_known(names: Sequence[str], units: Sequence[str], cov: FloatArray) ->
         chosen = [names[i] for i in np.argsort(-part) if part[i] > 0.3 * part.max()]
         sentences.append(
             f"{', '.join(chosen)}: hardly separable by these readings; u is {math.sqrt(value):.2g} times "
-            f"what a machine has ({format_length(_PRIOR['m'])}, 30 urad)"
+            f"what a machine has ({format_length(LARGEST_ERROR['m'])}, 30 urad)"
         )
     return tuple(sentences)
 
@@ -543,6 +551,25 @@ def _louder(
     return said
 
 
+def _coarse(problem: Problem, noise: Mapping[str, float]) -> list[str]:
+    """Return a sentence for each set whose display is coarser than its scatter, or whose step is not known."""
+    said = []
+    for reading, label, step in zip(problem.sets, problem.labels, problem.steps, strict=True):
+        values = np.asarray(reading.values)
+        unit = "rad" if reading.instrument.is_angle else "m"
+        if step > 0.0 and noise[label] < step / math.sqrt(12.0) and step > _FINE:
+            said.append(
+                f"{label}: its readings scatter by less than their digit of {format_engineering(float(step), unit)}; "
+                "u contains step/sqrt(12) of each, and repeats that show the same digit count once"
+            )
+        elif step == 0.0 and values.size > 1 and values.any():
+            said.append(
+                f"{label}: all readings are one value, so the step of the display is not known and u does not "
+                "contain it; give its resolution"
+            )
+    return said
+
+
 def _gauge(chain: Chain, homes: Mapping[str, float]) -> str:
     moved = [a for a, v in homes.items() if v != 0.0]
     where = ", ".join(f"{a} = {homes[a]:g}" for a in moved) if moved else "all axes at zero"
@@ -563,6 +590,8 @@ def plan_calibration(
     tools: Sequence[ArrayLike] = ((0.0, 0.0, 0.0),),
     noise: float = 1e-7,
     degrees: int | Mapping[str, int] | None = None,
+    terms: Sequence[str] | None = None,
+    done: Sequence[ReadingSet] = (),
     most: int | None = None,
 ) -> list[tuple[str, float]]:
     """Return set-ups in the order in which each adds most to what is known of a working volume.
@@ -581,6 +610,10 @@ def plan_calibration(
         Standard uncertainty of one reading where a set states none.
     degrees : int or mapping of str to int, optional
         As for `calibrate`.
+    terms : sequence of str, optional
+        As for `calibrate`.
+    done : sequence of ReadingSet, optional
+        What has been read already: the question is what candidates add to it.
     most : int, optional
         How many set-ups; all of them if omitted.
 
@@ -597,8 +630,9 @@ def plan_calibration(
 
     Notes
     -----
-    Information of a set-up: ``A'A / s^2`` with its unknowns projected off (eq. 18 of [1]_); a prior of 5 um
-    and 30 urad for each coefficient keeps the first steps finite.
+    Information of a set-up: ``A'A / s^2``; unknowns of all set-ups are free (eq. 18 of [1]_, and the profile of an
+    artefact that several share is one unknown); a prior of 5 um and 30 urad for each coefficient keeps
+    the first steps finite. Noise is white.
 
     References
     ----------
@@ -606,34 +640,44 @@ def plan_calibration(
     """
     if not candidates:
         raise DataError("no candidate is given")
-    bases = bases_of(chain, candidates, degrees, None, {})
+    everything = [*candidates, *done]
+    bases = bases_of(chain, everything, degrees, terms, {})
     if not bases:
         raise DataError("no term is left to find: the axes do not move in any candidate")
-    problem = Problem(chain, bases, list(candidates))
+    problem = Problem(chain, bases, everything)
     p = problem.n_terms
-    everything = [np.isfinite(np.asarray(s.values)) for s in candidates]
-    system = problem.assembled([s.instrument for s in candidates], everything)
-    information, begin = [], 0
-    for k, (reading, end) in enumerate(zip(candidates, system.ends, strict=True)):
-        rows = system.X[begin:end]
-        own = [
-            i for where in problem.unknown_at[k].values() for i in range(where.start, where.stop)
-        ]
-        A = rows[:, :p]
-        if own:
-            Q = np.linalg.qr(rows[:, own] / system.sizes[own])[0]
-            A = A - Q @ (Q.T @ A)
-        information.append(A.T @ A / (reading.u or noise) ** 2)
-        begin = end
+    information = []
+    for k, reading in enumerate(everything):
+        good = np.isfinite(np.asarray(reading.values))
+        rows = problem.block(k, reading.instrument)[0][good]
+        information.append(rows.T @ rows / (reading.u or noise) ** 2)
     J = [columns_of(chain, bases, volume, tool) for tool in tools]
     wanted = np.concatenate([j.reshape(-1, p) for j in J])
     square = wanted.T @ wanted / (wanted.shape[0] / 3)
-    prior = np.array([_PRIOR[unit] for unit in problem.units[:p]])
-    total = np.diag(1.0 / prior**2)
+    prior = np.array([LARGEST_ERROR[unit] for unit in problem.units[:p]])
+    total = np.zeros((len(problem.names),) * 2)
+    total[range(p), range(p)] = 1.0 / prior**2
+    total += sum(information[len(candidates) :])
     left, order = list(range(len(candidates))), []
     for _ in range(min(len(left), most or len(left))):
-        sizes = [float(np.trace(np.linalg.solve(total + information[k], square))) for k in left]
+        sizes = [_spread(total + information[k], p, square) for k in left]
         best = left.pop(int(np.argmin(sizes)))
         total = total + information[best]
         order.append((problem.labels[best], math.sqrt(min(sizes))))
     return order
+
+
+def _spread(information: FloatArray, p: int, square: FloatArray) -> float:
+    """Return the mean variance over the volume when unknowns of the set-ups (behind p) are free."""
+    used = np.flatnonzero(np.diag(information)[p:] > 0.0) + p
+    own = information[np.ix_(used, used)]
+    size = np.sqrt(np.diag(own))
+    values, vectors = np.linalg.eigh(own / np.outer(size, size))
+    known = values > NULL * values.max(
+        initial=0.0
+    )  # of squares: what set-ups cannot tell apart takes nothing
+    across = (information[:p][:, used] / size) @ (vectors[:, known] / np.sqrt(values[known]))
+    rest = information[:p, :p] - across @ across.T
+    scale = np.sqrt(np.diag(information)[:p])
+    inverse = np.linalg.inv(rest / np.outer(scale, scale)) / np.outer(scale, scale)
+    return float(np.sum(inverse * square))

@@ -85,7 +85,7 @@ def identify(
     chain: Any,
     surface_map: Any,
     *,
-    curves: Mapping[str, int] | None = None,
+    curves: Mapping[str, int | str] | None = None,
     form: Any = None,
     terms: Iterable[str] | None = None,
     removed: str | Iterable[str] = ("piston", "tilt"),
@@ -107,9 +107,10 @@ def identify(
     surface_map : Surface or tuple of three array_like (x, y, z), m
         Measured heights; NaN = not measured. Heights, not deviations: the form is taken off here.
         With `curves` a list of maps too, one of each part; the azimuth must be as it was cut.
-    curves : mapping of str to int, optional
+    curves : mapping of str to int or "auto", optional
         Terms that are curves over the travel of their axis, and how many orders (linear axis) or
-        harmonics (spindle) each may have: ``{"EZX": 6, "EZC": 3}``.
+        harmonics (spindle) each may have: ``{"EZX": 6, "EZC": 3}``; with "auto" as many as foretell
+        what is left out of the maps best (cross-validation).
     form : Form, optional
         Nominal surface, with its origin on the axis of the part; a plane if omitted. With several
         maps a list, one for each.

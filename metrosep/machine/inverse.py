@@ -26,13 +26,14 @@ from metrosep.machine.terms import positions_array
 if TYPE_CHECKING:
     from metrosep.machine.chains import Chain, Errors, Positions
 
-__all__ = ["CorrectedPath", "correct_path", "inverse_kinematics"]
+__all__ = ["CorrectedPath", "correct_path", "inverse_kinematics", "reach_of"]
 
 _ROUNDS = 6
 _SETTLED = 1e-12
 _SINGULAR = math.sin(math.radians(2.0))
-"""Below this share an axis of rotation hardly turns the tool: it is left where it is."""
+"""Below this share an axis of rotation hardly turns the tool: its correction goes to zero at half of it."""
 _SAME = 1e-9
+_AT_ONCE = 20_000
 _STEP = 1e-6
 
 
@@ -164,7 +165,7 @@ def correct_path(
     Raises
     ------
     DataError
-        An axis is missing or unknown, the linear axes do not reach all directions, or a correction
+        An axis is missing or unknown, the linear axes reach fewer than two directions, or a correction
         jumps by more than `max_step`; the message names the poses.
     NotConvergedError
         The errors are so steep that the corrections do not settle.
@@ -172,8 +173,9 @@ def correct_path(
     Notes
     -----
     Orientation first: least squares of the direction of the tool by the rotary axes; an axis that
-    turns the tool by less than sin 2 deg of its own turn is left alone there (singular pose:
-    dC = e / sin A). Then the linear axes take the tool point to its place.
+    turns the tool by less than sin 2 deg of its own turn is corrected less and less there (singular pose:
+    dC = e / sin A), and within 1 deg not at all. Then the linear axes take the tool point to its place;
+    those of a lathe (two) as near as they can, and what stays across them is said.
 
     References
     ----------
@@ -197,10 +199,81 @@ def correct_path(
     nominal = {a: np.broadcast_to(v, shape).astype(np.float64) for a, v in at.items()}
     free = _linear_axes(chain, {a: v for a, v in nominal.items() if a not in _three(chain)})
     turning = [e.name for e in chain.elements if e.kind == "rotary" and e.name in nominal]
+    # in parts: the poses of a path of a million blocks would take gigabytes
+    parts = [
+        _settled(
+            chain,
+            errors,
+            {a: v[i : i + _AT_ONCE] for a, v in nominal.items()},
+            tool,
+            axis,
+            turning,
+        )
+        for i in range(0, shape[0], _AT_ONCE)
+    ]
+    moved = {a: np.concatenate([p.moved[a] for p in parts]) for a in nominal}
+    held = {a: np.concatenate([p.held[a] for p in parts]) for a in turning}
+    before, turned, off, away, reached, across = (
+        np.concatenate([getattr(p, name) for p in parts])
+        for name in ("before", "turn_before", "left", "turn_left", "reached", "across")
+    )
+    sizes = [_rms(reached[:, i]) for i in (0, 1)]
+    if not np.isfinite(off).all() or sizes[1] > max(0.5 * sizes[0], 1e-9):
+        raise NotConvergedError(
+            f"the corrected path does not settle: {format_length(sizes[0])} -> "
+            f"{format_length(sizes[1])}; are the errors in m and rad?"
+        )
+    correction = {a: moved[a] - nominal[a] for a in moved}
+    messages = _messages(held, correction, turning, away)
+    if len(free) < 3:
+        stays = f"up to {format_length(float(across.max()))} of error stay there"
+        messages += (f"{' and '.join(free)} do not move the tool across their plane: {stays}",)
+    if max_step is not None:
+        _refuse_jumps(correction, turning, numbers.quantity(max_step, "max_step", "angle"))
+    return CorrectedPath(
+        q=freeze_mapping(moved),
+        correction=freeze_mapping(correction),
+        before=before,
+        left=off,
+        turn_before=turned,
+        turn_left=away,
+        held=freeze_mapping(held),
+        messages=messages,
+        audit=freeze_mapping(
+            {"tool_mm": [float(v) * 1e3 for v in np.ravel(tool_point(tool))[:3]]}
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Settled:
+    """Commands of some poses, and what they leave."""
+
+    moved: Mapping[str, FloatArray]
+    held: Mapping[str, Any]
+    before: FloatArray  # (n, 3), m
+    left: FloatArray
+    turn_before: FloatArray  # (n,), rad
+    turn_left: FloatArray
+    reached: FloatArray  # (n, 2), m: of before and left what linear axes can move
+    across: FloatArray  # (n,), m: of left what they cannot
+
+
+def _settled(
+    chain: Chain,
+    errors: Errors,
+    nominal: Mapping[str, FloatArray],
+    tool: ArrayLike,
+    axis: FloatArray,
+    turning: list[str],
+) -> _Settled:
+    """Return the commands whose actual poses are the nominal ones."""
+    free = _linear_axes(chain, {a: v for a, v in nominal.items() if a not in _three(chain)})
+    reach = reach_of(chain, nominal)
     goal = chain.transform(nominal, tool=tool)
     place, along = goal[..., :3, 3], goal[..., :3, :3] @ axis
     moved = {a: v.copy() for a, v in nominal.items()}
-    held = {a: np.zeros(shape, dtype=bool) for a in turning}
+    held: dict[str, Any] = {}
 
     def errors_at(commands: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
         actual = chain.transform(commands, errors, tool=tool, exact=True)
@@ -211,34 +284,24 @@ def correct_path(
     for _ in range(_ROUNDS):
         before = dict(moved)
         if turning:
-            turned, held = _turns(chain, nominal, turning, axis, away)
+            turned, held = _turns(chain, nominal, turning, axis, away, first[1])
             moved |= {a: moved[a] - change for a, change in turned.items()}
             off, _ = errors_at(moved)
-        shifts = _solved(chain, nominal, free, -off)
+        shifts = _solved(chain, nominal, free, -off, least=2)
         moved |= {a: moved[a] + shifts[..., i] for i, a in enumerate(free)}
         off, away = errors_at(moved)
         if max(float(np.abs(moved[a] - before[a]).max()) for a in moved) < _SETTLED:
             break
-    if not np.isfinite(off).all() or _rms(off) > max(0.5 * _rms(first[0]), 1e-9):
-        raise NotConvergedError(
-            f"the corrected path does not settle: {format_length(_rms(first[0]))} -> "
-            f"{format_length(_rms(off))}; are the errors in m and rad?"
-        )
-    correction = {a: moved[a] - nominal[a] for a in moved}
-    if max_step is not None:
-        _refuse_jumps(correction, turning, numbers.quantity(max_step, "max_step", "angle"))
-    return CorrectedPath(
-        q=freeze_mapping(moved),
-        correction=freeze_mapping(correction),
-        before=first[0],
-        left=off,
-        turn_before=first[1],
-        turn_left=np.linalg.norm(away, axis=-1),
-        held=freeze_mapping(held),
-        messages=_messages(held, correction, turning, np.linalg.norm(away, axis=-1)),
-        audit=freeze_mapping(
-            {"tool_mm": [float(v) * 1e3 for v in np.ravel(tool_point(tool))[:3]]}
-        ),
+    of_axes = [v if reach is None else (reach @ v[..., None])[..., 0] for v in (first[0], off)]
+    return _Settled(
+        moved,
+        held,
+        first[0],
+        off,
+        np.linalg.norm(first[1], axis=-1),
+        np.linalg.norm(away, axis=-1),
+        np.stack([np.linalg.norm(v, axis=-1) for v in of_axes], axis=-1),
+        np.linalg.norm(off - of_axes[1], axis=-1),
     )
 
 
@@ -266,18 +329,38 @@ def _linear_axes(chain: Chain, given: Mapping[str, Any]) -> tuple[str, ...]:
     return free
 
 
-def _solved(
-    chain: Chain, q: Mapping[str, FloatArray], free: tuple[str, ...], wanted: FloatArray
-) -> FloatArray:
-    """Return moves of the linear axes that shift the tool point by what is wanted, (..., k)."""
+def reach_of(chain: Chain, q: Positions) -> FloatArray | None:
+    """Return what takes a vector to its part that linear axes can move, (..., 3, 3); None if that is all."""
+    at = {a: np.asarray(v, dtype=np.float64) for a, v in q.items()}
+    M = _columns(chain, at, _three(chain))
+    return None if M.shape[-1] > 2 else np.asarray(M @ np.linalg.pinv(M))
+
+
+def _columns(chain: Chain, q: Mapping[str, FloatArray], free: tuple[str, ...]) -> FloatArray:
+    """Return by how much the tool point moves in the workpiece when each linear axis does, (..., 3, k)."""
     here = chain.transform(q)[..., :3, 3]
     columns = [chain.transform({**q, a: q[a] + 1.0})[..., :3, 3] - here for a in free]
-    M = np.stack(columns, axis=-1) if columns else np.zeros((*wanted.shape, 0))
-    if M.shape[-1] != 3 or np.linalg.svd(M.reshape(-1, 3, 3)[0], compute_uv=False)[-1] < _SAME:
+    return np.stack(columns, axis=-1) if columns else np.zeros((*here.shape, 0))
+
+
+def _solved(
+    chain: Chain,
+    q: Mapping[str, FloatArray],
+    free: tuple[str, ...],
+    wanted: FloatArray,
+    *,
+    least: int = 3,
+) -> FloatArray:
+    """Return moves of the linear axes that shift the tool point by what is wanted, or nearest to it, (..., k)."""
+    M = _columns(chain, q, free)
+    k = M.shape[-1]
+    if not least <= k <= 3 or np.linalg.svd(M.reshape(-1, 3, k)[0], compute_uv=False)[-1] < _SAME:
         raise DataError(
             f"the linear axes {', '.join(free) or '(none)'} do not move the tool in all three directions "
             "of the workpiece; a path can only be corrected where they do"
         )
+    if k < 3:
+        return np.asarray((np.linalg.pinv(M) @ wanted[..., None])[..., 0])
     return np.asarray(np.linalg.solve(M, wanted[..., None])[..., 0])
 
 
@@ -287,6 +370,7 @@ def _turns(
     turning: list[str],
     axis: FloatArray,
     away: FloatArray,
+    first: FloatArray,
 ) -> tuple[dict[str, FloatArray], dict[str, Any]]:
     """Return by how much rotary axes turned too far, and where one of them cannot tell."""
 
@@ -296,10 +380,13 @@ def _turns(
     columns = [(direction(a, _STEP) - direction(a, -_STEP)) / (2.0 * _STEP) for a in turning]
     M = np.stack(columns, axis=-1)
     weak = np.linalg.norm(M, axis=-2) < _SINGULAR
-    M = np.where(weak[..., None, :], 0.0, M)
     U, s, Vt = np.linalg.svd(M, full_matrices=False)
-    inverse = np.where(s > _SINGULAR, 1.0 / np.where(s > _SINGULAR, s, 1.0), 0.0)
-    found = np.einsum("...ji,...j,...kj,...k->...i", Vt, inverse, U, away)
+    # without a step: a path through the singular pose would have to jump there
+    share = np.clip((s - 0.5 * _SINGULAR) / (0.5 * _SINGULAR), 0.0, 1.0)
+    weight = share**2 * (3.0 - 2.0 * share)
+    goes = away - np.einsum("...jk,...k,...ik,...i->...j", U, 1.0 - weight, U, first)
+    inverse = np.where(share > 0.0, 1.0 / np.where(share > 0.0, s, 1.0), 0.0)
+    found = np.einsum("...ji,...j,...kj,...k->...i", Vt, inverse, U, goes)
     turned = {a: found[..., i] for i, a in enumerate(turning)}
     return turned, {a: weak[..., i] for i, a in enumerate(turning)}
 
@@ -330,7 +417,7 @@ def _messages(
         if n:
             size = _rms(left[held[a]])
             said.append(
-                f"{a} hardly turns the tool at {n} of {held[a].size} poses and was not corrected there: "
+                f"{a} hardly turns the tool at {n} of {held[a].size} poses and was not or hardly corrected there: "
                 f"{size * 1e6:.3g} urad RMS of orientation stay"
             )
         said.append(

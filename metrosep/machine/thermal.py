@@ -1,7 +1,7 @@
 """Error terms as functions of temperatures, learnt from a record of readings beside thermometers.
 
 A reading follows ``y(t) = y0 + sum_k g_k (x_k(t) - x_k,ref)``. The input ``x_k`` is the temperature of
-a sensor, or the same behind a lag of first order, ``tau x' = T - x`` (exact for straight lines between
+a sensor, or the same behind a lag of first order, ``tau x' = T - x`` (exact for parabolas between
 the samples; the machine is settled when the record begins). Which sensors and which time constants is
 decided by prediction: whole blocks of time are left out and foretold from the others. Noise is white
 plus drift, as everywhere in this package (`metrosep.machine._drift_noise`).

@@ -198,7 +198,8 @@ HEAD = "G21 G90\nG0 X0. Y0. Z0. A-30. C0.\n"
     ("text", "error", "said"),
     [
         (HEAD + "G2 X10. I5. J0.\n", UnsupportedFeatureError, "line 3: G2: an arc"),
-        (HEAD + "G43.4 H1\n", UnsupportedFeatureError, "places on the part, not of the axes"),
+        (HEAD + "G43.5 H1\n", UnsupportedFeatureError, "I, J, K a direction of the tool"),
+        (HEAD + "G43.4 H1\nG1 X5. F9.\n", UnsupportedFeatureError, "no Y word was given so far"),
         (HEAD + "G68.2 X0 Y0\n", UnsupportedFeatureError, "the plane is tilted"),
         (HEAD + "G1 B10.\n", UnsupportedFeatureError, "the axes of the machine are X, Y, Z, A, C"),
         (HEAD + "G91 G1 X1.\n", UnsupportedFeatureError, "incremental"),
@@ -280,7 +281,7 @@ TURN = "G21 G90\nG0 X0 Y0 Z0 A0 C0\n"
     [
         (TURN + "G1 C90 F360\n", "line 3: a feed move of axes of rotation alone"),
         (TURN + "G93 G1 X5 C9\n", "line 3: a feed move: in inverse time"),
-        ("G7 " + TURN, "diameters"),
+        (TURN + "G7\nX5\n", "changes between radius and diameter"),
         ("G91 G28 Z0\n" + TURN.replace("G90", ""), "a move in G91"),
         ("G91 X1\n" + TURN, "incremental words"),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -295,6 +296,22 @@ def test_a_bow_is_found_beside_a_straightedge_that_lies_askew():
     found = calibrate(chain, [line(chain)], terms=["EZX"], degrees=3)
     bow = found.errors["EZX"].evaluate([0.0, 0.25, 0.5])
     assert_allclose(bow[1] - 0.5 * (bow[0] + bow[2]), -8e-6 * 0.25**2, rtol=0, atol=PM)
+
+
+def test_a_line_that_no_straightness_may_have_is_named_with_its_slope():
+    """5e-6 of slope read on a straightedge whose own slope was not named as unknown."""
+    chain = presets("mill_xyz")
+    asked = dict(line(chain).q)
+    x = np.asarray(asked["X"])
+    one = ReadingSet(
+        Displacement(direction=(0, 0, 1)), asked, 8e-6 * (x**2 - 0.5 * x) + 5e-6 * x + 3e-6,
+        unknown=("offset",), name="edge",
+    )  # fmt: skip
+    said = " ".join(calibrate(chain, [one], terms=["EZX"], degrees=3).messages)
+    found = re.search(r"edge: what is left of it is a straight line over X, (\S+) urad", said)
+    assert float(found.group(1)) == pytest.approx(5.0, abs=0.3)  # order 3 takes some of it
+    plain = " ".join(calibrate(chain, [line(chain)], terms=["EZX"], degrees=3).messages)
+    assert "straight line" not in plain
 
 
 def test_a_set_of_the_wrong_sign_is_named():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from metrosep.core.errors import MetrosepError
 from metrosep.machine import Displacement, ReadingSet, calibrate, presets
 
 REACH = 0.4
@@ -60,3 +61,30 @@ def test_sets_that_do_not_determine_a_term_foretell_nothing_of_it():
     assert "foretell" not in " ".join(found.messages)
     yaw = -(10e-6 - 0.5e-6) / 0.2 * REACH  # at the end of the travel: dx = -Y ECX
     assert found.errors["ECX"].evaluate(REACH).item() == pytest.approx(yaw, abs=1.5e-6)
+
+
+def test_u_holds_the_digit_of_the_display_however_often_it_is_read():
+    """One slope through whole micrometres without noise: repeats show the same digits and prove nothing."""
+    x = np.linspace(0.0, REACH, 11)
+    u = []
+    for runs in (1, 9):
+        one = read(lambda x: 2e-6 * x / REACH, 11, runs, 0.0, DIGIT, 0)
+        found = calibrate(presets("mill_xyz"), [one], terms=["EXX"], degrees=1, robust=False)
+        u.append(found.errors["EXX"].sd(x)[-1])
+    # closed form: slope of independent errors q/sqrt(12) at eleven places
+    spread = DIGIT / np.sqrt(12.0) * REACH / np.sqrt(np.sum((x - x.mean()) ** 2))
+    assert u[1] == pytest.approx(spread, abs=1e-9)
+    assert u[0] >= 0.999 * spread
+
+
+def test_readings_of_one_value_need_the_resolution_of_their_display():
+    q = {"X": np.linspace(0.0, REACH, 11), "Y": 0.0, "Z": 0.0}
+    laser, flat = Displacement(direction=(1, 0, 0)), np.full(11, 3e-6)
+    plain = ReadingSet(laser, q, flat, unknown=("offset",))
+    found = calibrate(presets("mill_xyz"), [plain], terms=["EXX"], degrees=1)
+    assert "give its resolution" in " ".join(found.messages)
+    stated = ReadingSet(laser, q, flat, unknown=("offset",), resolution=DIGIT)
+    found = calibrate(presets("mill_xyz"), [stated], terms=["EXX"], degrees=1)
+    assert found.errors["EXX"].sd(REACH).item() > 0.2e-6
+    with pytest.raises(MetrosepError, match="resolution"):
+        ReadingSet(laser, q, flat, resolution=-1e-6)

@@ -60,16 +60,16 @@ def ball(radius, rho):
     return radius - np.sign(radius) * root, np.sign(radius) * rho / root
 
 
-def part(radius=None, *, white=0.0, bell=0.0, seed=0, dirt=False):
+def part(radius=None, *, white=0.0, bell=0.0, seed=0, dirt=False, n=N):
     """Return the map of a face, or of a sphere of a radius, in the machine's azimuth."""
     rng = np.random.default_rng(seed)
-    x = np.linspace(-R_PART, R_PART, N)
+    x = np.linspace(-R_PART, R_PART, n)
     X, Y = np.meshgrid(x, x)
     rho, phi = np.hypot(X, Y), np.arctan2(Y, X)
     z, slope = (0.0 * rho, 0.0 * rho) if radius is None else ball(radius, rho)
     # cut out of a larger field: noise that closes on itself would be alike at opposite rims, and
     # two lobes of cos 2 phi would have 1.2 times the spread that a part has
-    smooth = gaussian_filter(rng.normal(size=(N + 60, N + 60)), 6.0)[30:-30, 30:-30]
+    smooth = gaussian_filter(rng.normal(size=(n + 60, n + 60)), 6.0)[30:-30, 30:-30]
     h = z + left_on_part(rho, phi, z, slope) + white * rng.normal(size=rho.shape)
     h += bell * smooth / smooth.std() + 2e-6 * X / R_PART - 1e-6 * Y / R_PART + 5e-7
     h -= slope * 150e-9  # the tool set 150 nm too far out, in this part alone
@@ -306,3 +306,27 @@ def test_a_recipe_with_curves_of_wrong_orders_is_refused(tmp_path, monkeypatch):
             out=tmp_path / "out"
         )
     assert not (tmp_path / "out" / "C.csv").exists()
+
+
+def test_orders_are_chosen_by_what_foretells_the_rest_of_the_map():
+    """A cubic and two harmonics with noise alike over a length, which a curve must not follow."""
+    found = found_of(part(white=1e-9, bell=3e-9, seed=5), curves=dict.fromkeys(CURVES, "auto"))
+    assert found.bases["EZX"].orders == (1, 2, 3)
+    assert max(found.bases["EZC"].orders) == 2
+    assert max(found.bases["EBC"].orders) <= 3  # one of them by chance
+    assert "models compared: EZX 3, EZC 2" in " ".join(found.messages)
+    rho = np.linspace(1e-3, 16.5e-3, 9)
+    off = without_mean(found["EZX"].evaluate(rho)) - without_mean(slide_z(rho))
+    assert np.abs(off / found["EZX"].sd(rho)).max() < _THREE_U
+
+
+def test_a_curve_that_would_be_taken_for_another_is_named():
+    """A sphere: EXX of 70 nm goes into EZX by many u, and the residual holds nothing of it."""
+    found = found_of(part(60e-3, white=0.3e-9, n=44), Sphere(R=60e-3), CURVES)
+    rho = np.linspace(1e-3, 16.5e-3, 9)
+    line = np.polynomial.polynomial.polyfit
+    off = found["EZX"].evaluate(rho) - slide_z(rho)
+    off -= np.polynomial.polynomial.polyval(rho, line(rho, off, 2))  # the setting, a defocus
+    said = next(m for m in found.messages if "may be taken for" in m)
+    assert np.abs(off / found["EZX"].sd(rho)).max() > 3.0
+    assert "EXX (for EZX" in said

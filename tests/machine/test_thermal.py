@@ -20,6 +20,7 @@ from metrosep.core.errors import (
     UnitError,
 )
 from metrosep.machine import SumTerm, ThermalFit, fit_thermal, presets
+from metrosep.machine._thermal_choice import lagged
 from metrosep.machine.instruments import Displacement
 
 NM, UM = 1e-9, 1e-6
@@ -463,3 +464,26 @@ def test_bad_input_is_refused():
         fit.errors({"a": 293.15})
     with pytest.raises(DataError, match="'a', which is not given"):
         fit.terms["EX0C"].evaluate({"b": 293.15})
+
+
+def test_a_lag_is_right_where_the_power_is_switched_and_samples_are_few():
+    """Closed form: a body of 1200 s behind the power, what expands 1500 s behind it, read each 300 s."""
+    body, lag, h = 1200.0, 1500.0, 300.0
+    t = np.arange(0.0, 24000.0, h)
+
+    def answer(t):
+        t = np.maximum(t, 0.0)
+        first, second = np.exp(-t / body), np.exp(-t / lag)
+        return 1.0 - first, 1.0 - (body * first - lag * second) / (body - lag)
+
+    switched = [(8.0, 1800.0), (-8.0, 7200.0), (5.0, 12600.0)]  # K, s
+    T, x = (sum(p * answer(t - at)[i] for p, at in switched) for i in (0, 1))
+    found = lagged(t, T, lag)
+    # straight lines lie below a curve that bends down, and are off as a lag 0.5 % shorter is
+    assert np.abs(found - x).max() < 3e-3
+    assert np.abs(lagged(t, T, 0.995 * lag) - x).max() > 5e-3
+    # one parabola is exact, straight lines too
+    ramp = 293.0 + 1e-3 * t
+    assert lagged(t, ramp, lag) == pytest.approx(
+        ramp - 1e-3 * lag * (1.0 - np.exp(-t / lag)), abs=1e-9
+    )

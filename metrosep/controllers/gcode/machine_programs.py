@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 import os
 import re
+from array import array
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from metrosep.controllers.base import sidecar_path
 from metrosep.controllers.gcode.columns import (
@@ -31,6 +32,7 @@ from metrosep.controllers.gcode.columns import (
 )
 from metrosep.controllers.gcode.corrections import MAX_PARTS
 from metrosep.controllers.gcode.lists import write_list
+from metrosep.controllers.gcode.machine_words import MachineWords
 from metrosep.controllers.gcode.paths import named_error
 from metrosep.controllers.gcode.poses import (
     STEP_ANGLE,
@@ -55,12 +57,8 @@ from metrosep.controllers.gcode.state import (
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import described_by
-from metrosep.core.errors import DataError, LimitError, MetrosepError, TableError
+from metrosep.core.errors import DataError, LimitError, MetrosepError, TableError, UnitError
 from metrosep.core.units import format_length
-from metrosep.machine.elements import axis_of
-from metrosep.machine.error_sets import ErrorSet
-from metrosep.machine.inverse import correct_path
-from metrosep.machine.terms import FourierTerm, SumTerm, TableTerm
 
 if TYPE_CHECKING:
     from metrosep.machine.chains import Chain, Errors
@@ -68,12 +66,10 @@ if TYPE_CHECKING:
 __all__ = ["is_program", "rewrite_machine_program"]
 
 _UNITS = {"mm": MM, "inch": INCH}
-_LOOK_LENGTH, _LOOK_TURN = 1e-3, math.radians(1.0)
-"""m, rad: a move is looked at this often between its ends, and in each of its parts this often."""
+_SAME_TIME = 0.1
+"""Share by which a correction may change how long a turn takes, as an override does, before F must be known."""
 _FEWEST, _MOST_LOOKS = 16, 1 << 20
-_PER_STEP = 4.0
-"""Looks in each step of a table of errors, and in a quarter of the shortest wave of a series."""
-_AT_ONCE = 100_000
+_AT_ONCE = 20_000
 _BLOCK = re.compile(r"/?\s*(?:[NGMOT]\s*\d|[A-Z]\s*=)", re.IGNORECASE)
 
 
@@ -85,8 +81,12 @@ class _Moves:
     line: list[int] = field(default_factory=list)  # from 0
     feed: list[bool] = field(default_factory=list)
     inverse: list[bool] = field(default_factory=list)  # G93 in force
-    place: list[list[float]] = field(default_factory=list)  # NaN where not known
+    # of all axes, one move after another, NaN where not known: numbers, a list of lists is 5 times as large
+    place: array[float] = field(default_factory=lambda: array("d"))
     broken: list[bool] = field(default_factory=list)  # the place before the move is not known
+    part: list[bool] = field(default_factory=list)  # words are places on the part
+    # F of G94 as it is written; empty where none is in force
+    rate: list[str] = field(default_factory=list)
     decimals: list[bytes] = field(default_factory=list)  # that the words of each axis have
 
     @property
@@ -121,6 +121,8 @@ def rewrite_machine_program(
     tool_axis: ArrayLike = (0.0, 0.0, 1.0),
     zero: Mapping[str, float] | None = None,
     unit: str | None = None,
+    diameter: bool | None = None,
+    rotary_feed: str | None = None,
     tolerance: float | None = None,
     resolution: float = 1e-9,
     max_step: float | None = None,
@@ -140,6 +142,13 @@ def rewrite_machine_program(
         the tool that G43 takes; 0 if omitted.
     unit : str, optional
         "mm" or "inch", for a program without G20 or G21.
+    diameter : bool, optional
+        Whether X words are diameters; where the program has no G7 or G8 and the machine no Y (a lathe) it
+        must be given.
+    rotary_feed : str, optional
+        What F is under G94 where axes of rotation move: ``"linear"``, the feed along the linear axes while
+        one of them moves, else deg/min (LinuxCNC; Sinumerik as delivered); ``"all"``, along the way of
+        all axes, a degree counted as a mm or inch (Fanuc). Needed where the two differ.
     tolerance : float, m, optional
         Blocks are split until the tool point misses the nominal way between poses by less.
     harmless_m : iterable of int, optional
@@ -153,8 +162,7 @@ def rewrite_machine_program(
     Raises
     ------
     UnsupportedFeatureError
-        The text does not tell where the axes stand (arcs, incremental words, tool-centre-point control),
-        or a block that must be split holds what must not happen before its end.
+        The text does not tell where the axes stand (arcs, incremental words, tilted planes), or a block that must be split holds what must not happen before its end.
     DataError
         An axis of the machine has more than one letter, the program has no pose, or holds a correction
         already.
@@ -169,9 +177,13 @@ def rewrite_machine_program(
     Notes
     -----
     The way is judged as it is written, after rounding, at one place somewhere in each mm, degree and
-    quarter of a step of a table of errors (of a quarter wave of a series), 16 in a part or more. A
-    feed move of axes of rotation alone is refused outside G93 where linear axes would have to move: F would no
-    longer be deg/min.
+    quarter of a step of a table of errors (of a quarter wave of a series), 16 in a part or more. With
+    ``rotary_feed="linear"`` a feed move that turns axes is written in inverse time (G93) where the correction
+    would change by more than 10 % how long it takes; it takes as long as F of G94 says.
+
+    Under tool-centre-point control (G43.4 to G49, TRAORI to TRAFOOF) X, Y, Z are places on the part, in
+    coordinates that turn with it and agree with the words of the axes where those of the axes of rotation
+    are 0; the control is taken to know the nominal machine and the length to `tool`.
 
     Rapid moves are corrected at their ends and not split. A move before all axes are known is left as it
     is; the first move with known axes takes up every axis.
@@ -210,13 +222,19 @@ def rewrite_machine_program(
     if not again:
         require_unmarked(lines, start)
     offset = offsets_of(zero or {}, kinds, chain)
+    if rotary_feed is not None:
+        rotary_feed = numbers.choice(rotary_feed, "rotary_feed", ("linear", "all"))
     codes = frozenset(int(m) for m in harmless_m)
     scale = None if unit is None else _UNITS[numbers.choice(unit, "unit", _UNITS)]
     try:
-        program = _Program(lines, tuple(kinds), scale, codes)
-        machine = _Corrector(chain, errors, tool, tool_axis, max_step, program, offset)
+        program = _Program(lines, tuple(kinds), scale, codes, diameter)
+        machine = MachineWords(
+            chain, errors, tool, tool_axis, max_step, tuple(kinds), program.unit, offset,
+            diameter=program.diameter, on_part=any(program.moves.part),
+        )  # fmt: skip
+        program.rotary_feed = rotary_feed
         changed = program.rewritten(machine, tolerance, resolution, limit)
-        actual = _Program(program.lines, tuple(kinds), scale, codes)
+        actual = _Program(program.lines, tuple(kinds), scale, codes, diameter)
     except MetrosepError as error:
         if str(error).startswith("line "):
             raise named_error(error, start) from None
@@ -228,7 +246,8 @@ def rewrite_machine_program(
     ):
         raise TableError("the program does not read back as meant; this is a bug in metrosep")
     sizes = judged(
-        chain, errors, machine.si(program.nominal), machine.si(written), tool, tool_axis,
+        chain, errors, machine.si(program.nominal, program.on_part),
+        machine.si(written, program.on_part), tool, tool_axis,
         changed=changed, name=str(end),
     )  # fmt: skip
     audit = audit_of(chain, errors, tool, offset)
@@ -246,6 +265,7 @@ def rewrite_machine_program(
         "n_points": int(program.nominal.shape[0]),
         "n_changed": changed,
         "n_added": program.added,
+        "n_inverse_time": len(program.timed),
         "n_not_placed": program.unplaced,
         "tolerance_m": tolerance,
         "chord_error_m": program.chord,
@@ -266,72 +286,6 @@ def rewrite_machine_program(
         messages=tuple(messages),
         audit=write_list(start, end, lines, final, sidecar, overwrite=overwrite, schema="path"),
     )
-
-
-class _Corrector:
-    """The machine, for places in units of the file and degrees."""
-
-    def __init__(
-        self,
-        chain: Chain,
-        errors: Errors,
-        tool: ArrayLike,
-        tool_axis: ArrayLike,
-        max_step: float | None,
-        program: _Program,
-        offset: Mapping[str, float],
-    ) -> None:
-        self.chain, self.errors, self.tool = chain, errors, tool
-        self.tool_axis, self.max_step = tool_axis, max_step
-        self.axes = program.moves.axes
-        kinds = chain.dimensions
-        self.turns = np.array([kinds[a] == "angle" for a in self.axes])
-        unit = program.state.unit if program.moves.line else MM
-        self.scale = np.where(self.turns, math.pi / 180.0, unit)
-        self.offset = np.array([offset[a] for a in self.axes])
-        default = np.where(self.turns, _LOOK_TURN, _LOOK_LENGTH)
-        fine = dict.fromkeys(self.axes, math.inf)
-        for name, term in (errors.terms if isinstance(errors, ErrorSet) else errors).items():
-            axis = axis_of(name)
-            if axis in fine:
-                fine[axis] = min(fine[axis], _step_of(term) / _PER_STEP)
-        self.look = np.minimum(default, [fine[a] for a in self.axes])
-        self.messages: tuple[str, ...] = ()
-        self.correction: dict[str, FloatArray] = {a: np.zeros(1) for a in self.axes}
-
-    def si(self, places: FloatArray) -> dict[str, FloatArray]:
-        """Return positions by axis, m and rad."""
-        return {a: places[:, i] * self.scale[i] + self.offset[i] for i, a in enumerate(self.axes)}
-
-    def at(self, places: FloatArray, *, whole: bool = False) -> FloatArray:
-        """Return what is added to the words at places; of the whole path its messages are kept."""
-        found = correct_path(
-            self.chain, self.errors, self.si(places), tool=self.tool, tool_axis=self.tool_axis,
-            max_step=self.max_step if whole else None,
-        )  # fmt: skip
-        if whole:
-            self.messages, self.correction = found.messages, dict(found.correction)
-        return np.stack([found.correction[a] for a in self.axes], axis=-1) / self.scale
-
-    def missed(self, nominal: FloatArray, commands: FloatArray) -> FloatArray:
-        """Return by how much the tool point misses its nominal place, m."""
-        goal = self.chain.transform(self.si(nominal), tool=self.tool)[..., :3, 3]
-        actual = self.chain.transform(self.si(commands), self.errors, tool=self.tool, exact=True)[
-            ..., :3, 3
-        ]
-        return np.asarray(np.linalg.norm(actual - goal, axis=-1))
-
-
-def _step_of(term: object) -> float:
-    """Return the length over which an error may bend, m or rad; infinite where it does not say."""
-    if isinstance(term, SumTerm):
-        return min(map(_step_of, term.parts))
-    if isinstance(term, FourierTerm):
-        return min(term.wavelengths) / 4.0
-    if isinstance(term, TableTerm) and len(term.positions) > 2:
-        x = np.asarray(term.positions)
-        return float((x[2:] - x[:-2]).min()) / 2.0  # two: a corner beside a node is no wave
-    return math.inf
 
 
 def _shares(size: int) -> FloatArray:
@@ -355,30 +309,57 @@ class _Program:
         axes: tuple[str, ...],
         scale: float | None,
         codes: frozenset[int],
+        diameter: bool | None,
     ) -> None:
         self.lines = list(lines)
         self.state = ModalState(
-            scale=scale, diameter=False, harmless_m=codes, g_system="mill",
-            axes="".join(axes), spindle_axis="",
+            scale=scale, diameter=diameter, stated_diameter=diameter is not None, harmless_m=codes,
+            g_system="mill", axes="".join(axes), spindle_axis="", part=False,
         )  # fmt: skip
         self.moves = _Moves(axes)
         self.added = self.unplaced = 0
         self.chord = 0.0
+        self.rotary_feed: str | None = None
+        self.timed: dict[int, str] = {}  # rows that go over to G93, with F of G94
         self._read()
+
+    @property
+    def unit(self) -> float:
+        """Length of one unit of the file, m."""
+        return self.state.unit if self.moves.line else MM
+
+    @property
+    def diameter(self) -> bool:
+        """Whether X words are diameters; on a lathe somebody must have said so."""
+        if self.state.diameter is None and "Y" not in self.moves.axes and "X" in self.moves.axes:
+            raise UnitError(
+                "whether X words are diameters is not stated; give diameter=True or diameter=False, or put G7 "
+                "or G8 into the program"
+            )
+        return bool(self.state.diameter)
 
     def _read(self) -> None:
         held = dict.fromkeys(self.moves.axes, math.nan)
-        broken = True
+        broken, rate, mode = True, "", ""
         for row, block in enumerate(self.lines):
             if self.state.ended:
                 return
             tokens = tokenize(block, row + 1)
             moves = self.state.apply(tokens, row + 1)
+            if self.state.feed_mode != mode:
+                rate, mode = "", self.state.feed_mode
+            if mode == "G94":
+                rate = next((t.number for t in tokens if t.letter == "F"), rate)
             if self.state.lost:
                 held = {a: math.nan if a in self.state.lost else v for a, v in held.items()}
                 self.state.lost, broken = "", True
             if not moves:
                 continue
+            if self.state.dropped:
+                held, broken = dict.fromkeys(held, math.nan), True
+                if self.state.motion == 1:
+                    why = "G49 took the length of the tool away, so where the tool stands is not known"
+                    raise refuse_block(row + 1, "a feed move", why, "keep G43.4 or G43 to its end")
             words: dict[str, Token] = {}
             for token in tokens:
                 if token.kind == "word" and (token.letter in held or token.letter == "F"):
@@ -389,7 +370,8 @@ class _Program:
             if self.state.motion == 1 and self.state.feed_mode == "G93" and "F" not in words:
                 why = "in inverse time (G93) every feed move needs an F word"
                 raise refuse_block(row + 1, "a feed move", why, "add F")
-            held |= {a: t.value for a, t in words.items() if a in held}
+            if not self.state.dropped:
+                held |= {a: t.value for a, t in words.items() if a in held}
             place = [held[a] for a in self.moves.axes]
             known = all(v == v for v in place)
             if self.state.motion == 1 and not known:
@@ -397,22 +379,24 @@ class _Program:
                 raise refuse_block(
                     row + 1,
                     "a feed move",
-                    f"no {missing} word was given so far, or none since the last home move or tool "
-                    "change, so the position is not known",
+                    f"no {missing} word was given so far, or none since the last home move, tool change "
+                    "or change of tool-centre-point control, so the position is not known",
                     f"begin with a rapid move to a stated {missing}",
                 )
             self.moves.line.append(row)
             self.moves.feed.append(self.state.motion == 1)
             self.moves.inverse.append(self.state.feed_mode == "G93")
-            self.moves.place.append(place)
+            self.moves.place.extend(place)
             self.moves.broken.append(broken)
+            self.moves.part.append(bool(self.state.part))
+            self.moves.rate.append(rate)
             self.moves.decimals.append(
                 bytes(min(decimals_of(words[a].number), 99) if a in words else 0 for a in held)
             )
             broken = not known
 
     def rewritten(
-        self, machine: _Corrector, tolerance: float | None, resolution: float, limit: float
+        self, machine: MachineWords, tolerance: float | None, resolution: float, limit: float
     ) -> int:
         """Rewrite the blocks, and return how many changed."""
         whole = self.moves.places
@@ -424,8 +408,8 @@ class _Program:
                 "known; the correction of a machine depends on every axis"
             )
         rows = np.flatnonzero(known)
-        places = whole[rows]
-        dq = machine.at(places, whole=True)
+        places, part = whole[rows], np.array(self.moves.part)[rows]
+        dq = machine.at(places, part, whole=True)
         self._refuse_large(machine, rows, limit)
         step = np.where(machine.turns, STEP_ANGLE, resolution) / machine.scale
         least = np.maximum(1, np.ceil(-np.log10(step) - 1e-9)).astype(int)
@@ -433,22 +417,23 @@ class _Program:
         digits = np.maximum(least, own)
         written = _rounded(places + dq, digits) - places
         if tolerance is not None:
-            self._refuse_coarse(machine, rows, places, dq, written, tolerance)
+            self._refuse_coarse(machine, rows, places, dq, written, part, tolerance)
         extra = self._split(machine, rows, places, written, digits, tolerance)
         return self._write(machine, rows, places, written, extra, digits)
 
     def _refuse_coarse(
         self,
-        machine: _Corrector,
+        machine: MachineWords,
         rows: Any,
         places: FloatArray,
         dq: FloatArray,
         written: FloatArray,
+        part: NDArray[np.bool_],
         tolerance: float,
     ) -> None:
         """Refuse a tolerance that the digits that are written cannot keep."""
-        off = machine.missed(places, places + written)
-        bad = (off > tolerance) & (machine.missed(places, places + dq) <= tolerance)
+        off = machine.missed(places, places + written, part)
+        bad = (off > tolerance) & (machine.missed(places, places + dq, part) <= tolerance)
         if bad.any():
             i = int(np.argmax(np.where(bad, off, 0.0)))
             raise LimitError(
@@ -457,7 +442,7 @@ class _Program:
                 "a finer resolution, or a wider tolerance"
             )
 
-    def _refuse_large(self, machine: _Corrector, rows: Any, limit: float) -> None:
+    def _refuse_large(self, machine: MachineWords, rows: Any, limit: float) -> None:
         for i, axis in enumerate(self.moves.axes):
             most = limit if not machine.turns[i] else None
             refuse_large(
@@ -466,7 +451,7 @@ class _Program:
 
     def _split(
         self,
-        machine: _Corrector,
+        machine: MachineWords,
         rows: Any,
         places: FloatArray,
         dq: FloatArray,
@@ -480,7 +465,7 @@ class _Program:
         begins = np.flatnonzero(feed & ~broken & (np.arange(n) > 0))
         if not begins.size:
             return extra
-        way = places[begins] - places[begins - 1]
+        way = places[begins] - places[begins - 1]  # of one kind of words: a change of it breaks
         looks = (np.abs(way * machine.scale) / machine.look).max(axis=1)
         if looks.max() > _MOST_LOOKS:
             line = self.moves.line[rows[begins[int(np.argmax(looks))]]] + 1
@@ -510,7 +495,7 @@ class _Program:
 
     def _look(
         self,
-        machine: _Corrector,
+        machine: MachineWords,
         rows: Any,
         ends: Any,
         places: FloatArray,
@@ -522,6 +507,7 @@ class _Program:
     ) -> None:
         """Find the parts of moves that are looked at equally often."""
         share = _shares(size)
+        part_of = np.array(self.moves.part)[rows]
         count, open_ = 1, ends
         while open_.size:
             a, b = places[open_ - 1][:, None], places[open_][:, None]
@@ -531,16 +517,18 @@ class _Program:
             added[:, 0], added[:, -1] = dq[open_ - 1], dq[open_]
             if count > 1:
                 within = nodes[:, 1:-1]
-                added[:, 1:-1] = machine.at(within.reshape(-1, within.shape[-1])).reshape(
-                    within.shape
-                )
+                added[:, 1:-1] = machine.at(
+                    within.reshape(-1, within.shape[-1]), np.repeat(part_of[open_], count - 1)
+                ).reshape(within.shape)
                 added[:, 1:-1] = _rounded(within + added[:, 1:-1], digits[open_][:, None]) - within
             part = np.minimum((share * count).astype(int), count - 1)
             rest = (share * count - part)[None, :, None]
             command = a + (b - a) * share[:, None]
             command_added = added[:, part] * (1.0 - rest) + added[:, part + 1] * rest
             flat = command.reshape(-1, command.shape[-1])
-            off = machine.missed(flat, flat + command_added.reshape(flat.shape))
+            off = machine.missed(
+                flat, flat + command_added.reshape(flat.shape), np.repeat(part_of[open_], size)
+            )
             worst = off.reshape(open_.size, size).max(axis=1)
             left = worst > (math.inf if tolerance is None else tolerance)
             self.chord = max(self.chord, float(worst[~left].max(initial=0.0)))
@@ -563,7 +551,7 @@ class _Program:
 
     def _write(
         self,
-        machine: _Corrector,
+        machine: MachineWords,
         rows: Any,
         places: FloatArray,
         dq: FloatArray,
@@ -571,7 +559,7 @@ class _Program:
         digits_at: Any,
     ) -> int:
         """Put the numbers into the blocks; what was meant is kept beside."""
-        nominal, meant, digits_of_all, at = [], [], [], []
+        nominal, meant, digits_of_all, at = array("d"), array("d"), array("d"), array("q")
         held = [math.nan] * len(self.moves.axes)  # what the machine holds, as written
         changed, move, added = 0, 0, 0
         by_move = {int(r): i for i, r in enumerate(rows.tolist())}
@@ -590,7 +578,7 @@ class _Program:
             before = list(held)
             within = extra.get(i, (np.empty((0, len(held))), np.empty((0, len(held)))))
             steps = [*zip(*within, strict=True), (places[i], dq[i])]
-            texts = []
+            texts, now = [], [before]
             for number, (place, more) in enumerate(steps, 1):
                 words = {}
                 for j, axis in enumerate(self.moves.axes):
@@ -603,40 +591,96 @@ class _Program:
                         words[axis] = own[axis].number if kept else text
                     held[j] = value
                 texts.append(words)
-                nominal.append(place)
-                meant.append(list(held))
-                digits_of_all.append(digits)
+                now.append(list(held))
+                nominal.extend(place)
+                meant.extend(held)
+                digits_of_all.extend(digits)
                 at.append(move)
                 move += 1
-            still = self.moves.feed[k] and not self.moves.inverse[k] and not self.moves.broken[k]
-            still = still and i > 0 and (places[i] == places[i - 1])[~machine.turns].all()
-            if still:
-                self._refuse_turning_feed(machine, row, before, meant[-len(steps) :])
-            new = self._blocks(row, tokens, own, texts, self.moves.inverse[k])
+            feeds = self._inverse_feeds(machine, k, places[i - 1 : i + 1], now)
+            new = self._blocks(row, tokens, own, texts, self.moves.inverse[k], feeds)
             if new != self.lines[row]:
                 changed += 1
                 added += len(steps) - 1
                 self.lines[row] = new
         self.added = added
-        if added:
+        self._change_feed_modes()
+        if added or self.timed:
             self.lines = byte_lines(self.lines)
-        self.nominal, self.meant = np.array(nominal), np.array(meant)
-        self.meant_digits, self.written_at = np.array(digits_of_all, dtype=float), np.array(at)
+        width = len(self.moves.axes)
+        self.nominal, self.meant, self.meant_digits = (
+            np.array(v).reshape(-1, width) for v in (nominal, meant, digits_of_all)
+        )
+        self.on_part = np.array(self.moves.part)[rows].repeat(
+            [1 + len(extra.get(i, ((), ()))[0]) for i in range(rows.size)]
+        )
+        self.written_at = np.array(at)
         return changed
 
-    def _refuse_turning_feed(
-        self, machine: _Corrector, row: int, before: list[float], after: list[list[float]]
-    ) -> None:
-        """Refuse a turn with F in deg/min that the correction makes a move of linear axes as well."""
-        for j, axis in enumerate(self.moves.axes):
-            if not machine.turns[j] and any(place[j] != before[j] for place in after):
-                raise refuse_block(
-                    row + 1,
-                    "a feed move of axes of rotation alone",
-                    f"F is deg/min only while {axis} stands still, and the correction moves it: then F is the "
-                    "feed along the way of the linear axes, and the turn as fast as the machine can",
-                    "post-process it in inverse time (G93)",
+    def _inverse_feeds(
+        self, machine: MachineWords, k: int, ends: FloatArray, written: list[list[float]]
+    ) -> str:
+        """Return F in G93 of each part of a turn that under G94 would take another time; empty elsewhere."""
+        if (
+            not self.moves.feed[k]
+            or self.moves.inverse[k]
+            or self.moves.broken[k]
+            or len(ends) < 2
+        ):
+            return ""
+        scale = machine.scale[~machine.turns] / self.unit
+        straight = float(np.linalg.norm((ends[1] - ends[0])[~machine.turns] * scale))
+        turned = float(np.linalg.norm((ends[1] - ends[0])[machine.turns]))
+        parts = len(written) - 1
+        written_way = np.diff(np.array(written), axis=0)[:, ~machine.turns] * scale
+        straight_now = float(np.linalg.norm(written_way, axis=1).sum())
+        same = abs(straight_now - straight) <= _SAME_TIME * straight
+        part, line = self.moves.part[k], self.moves.line[k] + 1
+        if turned == 0.0 or same or (self.rotary_feed == "all" and not part):
+            return ""
+        what = (
+            "a feed move of axes of rotation with hardly any way of linear axes"
+            if straight
+            else "a feed move of axes of rotation alone"
+        )
+        why = (
+            "the correction moves linear axes as well, and the meaning of F changes: where it is the feed "
+            "along the way of the linear axes the turn would be as fast as the machine can"
+        )
+        if self.rotary_feed is None:
+            way = (
+                "give rotary_feed='linear' if it is so (LinuxCNC, Sinumerik, tool-centre-point control), and "
+                "the block is written in inverse time (G93); 'all' if F is along the way of all axes (Fanuc)"
+            )
+            raise refuse_block(line, what, why, way)
+        if not self.moves.rate[k] or float(self.moves.rate[k]) <= 0.0:
+            way = "state G94 and an F in units per minute before it, or write it in inverse time (G93)"
+            raise refuse_block(line, what, "no F of G94 tells how long it takes", way)
+        self.timed[self.moves.line[k]] = self.moves.rate[k]
+        minutes = (straight or turned) / float(self.moves.rate[k])
+        return format_feed(parts / minutes)
+
+    def _change_feed_modes(self) -> None:
+        """Put G93 before the blocks that are timed, and G94 with its F behind them."""
+        for row, rate in self.timed.items():
+            first, *others = self.lines[row].splitlines(keepends=True)
+            tokens = tokenize(first, row + 1)
+            lower = next(t for t in tokens if t.letter in self.moves.axes).text[0].islower()
+            stated = [t for t in tokens if t.letter == "G" and t.value == 94.0]
+            if stated:
+                first = (
+                    first[: stated[0].start] + stated[0].text[0] + "93" + first[stated[0].end :]
                 )
+            elif row - 1 not in self.timed:
+                at = next(t.start for t in tokens if t.kind == "word" and t.letter != "N")
+                first = first[:at] + ("g93 " if lower else "G93 ") + first[at:]
+            block = "".join([first, *others])
+            if row + 1 not in self.timed:
+                body = block.rstrip("\r\n")
+                eol = block[len(body) :] or "\n"
+                back = f"G94 F{rate}"
+                block = body + eol + (back.lower() if lower else back) + block[len(body) :]
+            self.lines[row] = block
 
     def _blocks(
         self,
@@ -645,17 +689,18 @@ class _Program:
         own: Mapping[str, Token],
         texts: list[dict[str, str]],
         inverse: bool,
+        timed: str,
     ) -> str:
-        """Return the blocks that replace one."""
+        """Return the blocks that replace one; `timed` is F of each part where it goes over to G93."""
         block = self.lines[row]
         lower = next(t for t in tokens if t.letter in self.moves.axes).text[0].islower()
         split = len(texts) > 1
-        feed = format_feed(own["F"].value * len(texts)) if inverse and split else ""
+        feed = timed or (format_feed(own["F"].value * len(texts)) if inverse and split else "")
         numbers_of = {
             letter: ("+" if number[0] not in "+-" and _has_plus(own.get(letter)) else "") + number
             for letter, number in (texts[0] | ({"F": feed} if feed else {})).items()
         }
-        first = edited(tokens, numbers_of, self.moves.axes)
+        first = edited(tokens, numbers_of, (*self.moves.axes, *("F" if timed else "")))
         if not split:
             return first
         require_plain(tokens, row + 1, self.moves.axes)
@@ -676,6 +721,16 @@ class _Program:
             found.append("G90 is not stated; words are taken as absolute")
         if not self.state.stated_scale:
             found.append("the program states no unit; it is the one that was given")
+        if self.timed:
+            found.append(
+                f"{len(self.timed)} feed moves that turn axes are written in inverse time (G93); they take as "
+                "long as by F in G94"
+            )
+        if any(self.moves.part):
+            found.append(
+                "under tool-centre-point control X, Y, Z are taken as places on the part that turn with it and agree "
+                "with the words of the axes where those of the axes of rotation are 0"
+            )
         if self.unplaced:
             found.append(f"{self.unplaced} moves before all axes were known are left as they were")
         found.append(

@@ -47,6 +47,8 @@ __all__ = ["PosesResult", "rewrite_poses"]
 _LARGEST_TURN = 10e-3
 """rad: no error of an axis of rotation that still works needs a larger correction."""
 
+_AT_ONCE = 20_000
+
 STEP_ANGLE = 1e-9
 """rad: finest step of an angle that is written, 1 nm at a metre."""
 
@@ -349,14 +351,18 @@ def judged(
     """Return the error of the tool point and of its axis by commands; refuse what does not shrink it."""
     axis = np.asarray(tool_axis, dtype=np.float64)
     axis = axis / np.linalg.norm(axis)
-    goal = chain.transform(nominal, tool=tool)
-    sizes = {}
-    for name, commands in (("before", nominal), ("after", written)):
-        actual = chain.transform(commands, errors, tool=tool, exact=True)
-        off = np.linalg.norm(actual[..., :3, 3] - goal[..., :3, 3], axis=-1)
-        away = np.linalg.norm((actual[..., :3, :3] - goal[..., :3, :3]) @ axis, axis=-1)
-        sizes[f"{name}_rms_m"] = float(np.sqrt(np.mean(off**2)))
-        sizes[f"turn_{name}_rms_rad"] = float(np.sqrt(np.mean(away**2)))
+    n = max(np.size(v) for v in nominal.values())
+    squares = np.zeros(4)  # place and direction, before and after; in parts, to spare memory
+    for i in range(0, n, _AT_ONCE):
+        some = {a: np.broadcast_to(v, (n,))[i : i + _AT_ONCE] for a, v in nominal.items()}
+        done = {a: np.broadcast_to(v, (n,))[i : i + _AT_ONCE] for a, v in written.items()}
+        goal = chain.transform(some, tool=tool)
+        for k, commands in enumerate((some, done)):
+            actual = chain.transform(commands, errors, tool=tool, exact=True)
+            squares[k] += np.sum((actual[..., :3, 3] - goal[..., :3, 3]) ** 2)
+            squares[2 + k] += np.sum(((actual[..., :3, :3] - goal[..., :3, :3]) @ axis) ** 2)
+    keys = ("before_rms_m", "after_rms_m", "turn_before_rms_rad", "turn_after_rms_rad")
+    sizes = dict(zip(keys, np.sqrt(squares / n).tolist(), strict=True))
     turned_away = sizes["turn_after_rms_rad"] > sizes["turn_before_rms_rad"] + 10.0 * STEP_ANGLE
     if changed and (turned_away or not sizes["after_rms_m"] < sizes["before_rms_m"]):
         raise SignCheckFailedError(

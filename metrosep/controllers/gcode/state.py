@@ -52,6 +52,8 @@ _ONE_SHOT = frozenset({280, 300, 530})
 _FRAMES = frozenset({*range(540, 600, 10), 541, 591, 592, 593, 921, 922})
 _LENGTHS = frozenset({430, 431, 432, 440, 490})
 _HOMES = frozenset({280, 300, 530})
+_PART_CALLS = {"TRAORI": True, "TRAFOOF": False, "ORIAXES": None, "ORIWKS": None}
+"""Tool-centre-point control of Sinumerik: on, off, and how the tool turns in it."""
 _SMOOTH = "blocks may be merged or smoothed here"
 _OFFSET_WAY = "set offsets on the machine before the program and take the word out"
 _ARC_WAY = "post-process the path to short linear moves (G1)"
@@ -73,12 +75,13 @@ _REFUSED: dict[int, tuple[str, str]] = {
         "cutter compensation moves the path",
         "let the post-processor compensate the tool radius",
     ),
-    **dict.fromkeys(
-        (434, 435),
-        (
-            "words are places on the part, not of the axes",
-            "post-process the path to axis positions",
-        ),
+    434: (
+        "words are places on the part, not of the axes",
+        "post-process the path to axis positions",
+    ),
+    435: (
+        "words are places on the part, and I, J, K a direction of the tool",
+        "post-process the path to words of the axes of rotation (G43.4), or to axis positions",
     ),
     682: ("the plane is tilted", "post-process the path to axis positions"),
     510: ("scaling changes positions", "post-process the path without it"),
@@ -150,6 +153,11 @@ class ModalState:
     harmless_m: frozenset[int] = frozenset()
     g_system: str | None = None  # "A" or "B" of Fanuc lathes, or "mill"; None where nobody said
     ended: bool = False  # after M2 or M30
+    # whether tool-centre-point control is in force, so that words are places on the part; None where
+    # it is refused (the part of a lathe)
+    part: bool | None = None
+    length: str = ""  # number of the tool length that G43.4 took
+    dropped: bool = False  # whether G49 took the length away and no G43 has given it back
     axes: str = _AXES  # letters of the axes that are corrected
     spindle_axis: str = "C"  # whose place a turning spindle takes; empty where it turns the tool
     # to int: words for the person, with the line of the first occasion
@@ -237,7 +245,11 @@ class ModalState:
         for token in tokens:
             if token.kind == "call":
                 name = token.text.split("(")[0].strip().upper()
-                if name not in ("COMPOF", "BRISK"):
+                if name in _PART_CALLS:
+                    if self.part is None:
+                        raise refuse_block(line, name, *_REFUSED[434])
+                    self._place_on_part(_PART_CALLS[name])
+                elif name not in ("COMPOF", "BRISK"):
                     self.note(_smoothing(token.text.strip()), line)
 
     def _word(self, word: Token, words: list[Token], codes: set[int], line: int) -> None:
@@ -261,7 +273,7 @@ class ModalState:
         elif letter in "IJKR":
             why = "it belongs to an arc or a corner"
             raise refuse_block(line, word.text, why, _ARC_WAY)
-        elif letter == "H" and not codes & _LENGTHS:
+        elif letter == "H" and not codes & (_LENGTHS | {434}):
             why = "without G43 it is an incremental C on some lathes"
             raise refuse_block(line, word.text, why, "write C absolute, or G43 beside H")
         elif letter != "H" and not self._belongs(letter, words, codes):
@@ -337,6 +349,11 @@ class ModalState:
             self._seven(code, words, line)
         elif code in (50, 51):
             self._five(name, words, axes, line)
+        elif code == 434 and self.part is not None:
+            self._tip_length(words, line)
+        elif code == 490 and self.part:
+            self._place_on_part(False)
+            self.dropped = True
         elif code in _FRAMES or code in _LENGTHS:
             self._offset(code, name, axes, line)
         elif code == 640:
@@ -370,9 +387,6 @@ class ModalState:
             self.note(_smoothing("G8 P"), line)
             return
         wanted = code == 70
-        if wanted and self.axes != _AXES:
-            why = "X words are diameters, the errors of the machine are those of its axis"
-            raise refuse_block(line, "G7", why, "post-process the path with radii (G8)")
         if self.moved and self.diameter is not wanted:
             why = "X changes between radius and diameter in the path"
             raise refuse_block(line, f"G{code // 10}", why, "keep one of them")
@@ -395,6 +409,21 @@ class ModalState:
         if not kept:
             what = "the tool length changes" if length else "the coordinates change"
             raise refuse_block(line, name, f"{what} within the path", "keep one offset to the end")
+
+    def _tip_length(self, words: list[Token], line: int) -> None:
+        """Begin tool-centre-point control, with the same length of the tool to the end."""
+        length = next((w.number.lstrip("0") for w in words if w.letter == "H"), self.length)
+        if self.cut and length != self.length:
+            why = "the tool length changes within the path"
+            raise refuse_block(line, "G43.4", why, "keep one offset to the end")
+        self._place_on_part(True)
+        self.length, self.dropped = length, False
+
+    def _place_on_part(self, part: bool | None) -> None:
+        """Words mean something else from here on: where the tool stands in them is not in the text."""
+        if part is not None and self.part is not part:
+            linear = "".join(a for a in self.axes if a in "XYZUVW" and a not in self.lost)
+            self.part, self.lost = part, self.lost + linear
 
     def _not_a_move(
         self, code: int, name: str, axes: set[str], words: list[Token], line: int
@@ -476,7 +505,7 @@ Kind = Literal["word", "comment", "space", "percent", "slash", "call"]
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)"
 _TOKEN = re.compile(
     r"(?P<comment>\([^()\r\n]*\)|;[^\r\n]*)"
-    r"|(?P<call>(?:CYCLE832|COMPCAD|COMPCURV|COMPON|COMPOF|COMPSURF|SOFT|BRISK)\b(?:\s*\([^()\r\n]*\))?)"
+    r"|(?P<call>(?:TRAORI|TRAFOOF|ORIAXES|ORIWKS|CYCLE832|COMPCAD|COMPCURV|COMPON|COMPOF|COMPSURF|SOFT|BRISK)\b(?:\s*\([^()\r\n]*\))?)"
     r"|(?P<word>[A-Za-z][ \t]*" + _NUMBER + r")"
     r"|(?P<space>[ \t\r\n\f]+)"
     r"|(?P<percent>%)"

@@ -295,7 +295,7 @@ class TermsIdentified(Method):
         "curves": Option(
             "table",
             help="terms that are curves over the travel, and how many orders or harmonics, "
-            "{ EZX = 6, EZC = 3 }; takes several maps",
+            '{ EZX = 6, EZC = "auto" }; takes several maps',
         ),
         "forms": Option("texts", help="with curves, the nominal surface of each map"),
         "centre": CENTRE,

@@ -1,0 +1,250 @@
+"""What words mean beside positions of axes: F where axes turn, places on the part, diameters."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from metrosep.cli.main import main
+from metrosep.controllers.gcode.machine_programs import rewrite_machine_program
+from metrosep.core.errors import UnitError, UnsupportedFeatureError
+from metrosep.machine import presets
+
+NM = 1e-9
+H, TOOL = 0.08, (0.01, -0.005, -0.12)
+ZERO = {"X": 0.02, "Z": 0.15, "C": np.radians(10.0)}
+LINES = {"Y0A": 11e-6, "Z0A": -6e-6, "B0A": 20e-6, "X0C": 9e-6, "A0C": -13e-6, "B0C": 8e-6}
+SPIN = {**LINES, "EXC": lambda c: 8e-6 * np.cos(2 * c), "EZA": lambda a: 9e-6 * np.sin(a)}
+HEAD = "G21 G90 G94\nG0 X0. Y0. Z0. A-20. C0.\n"
+
+
+def quaternion(axis, angle):
+    k = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    return np.append(np.cos(angle / 2), np.sin(angle / 2) * k)
+
+
+def turned(q, v):
+    """Return a vector turned by a quaternion."""
+    w, u = q[0], q[1:]
+    return v + 2.0 * np.cross(u, np.cross(u, v) + w * v)
+
+
+def back(q):
+    return q * [1, -1, -1, -1]
+
+
+def tip(q, *, errors):
+    """Return the tool point on the table: lines in space that the bodies of A and C turn about."""
+    n = LINES if errors else dict.fromkeys(LINES, 0.0)
+    a_along, c_along = np.array([1.0, 0.0, -n["B0A"]]), np.array([n["B0C"], -n["A0C"], 1.0])
+    p = np.array([q["X"], q["Y"], q["Z"]]) + TOOL - [0, n["Y0A"], n["Z0A"]]
+    p = turned(back(quaternion(a_along, -q["A"])), p)
+    p = turned(back(quaternion((0, 1, 0), n["B0A"])), p)  # A at zero lies as it was set
+    p = p - [n["X0C"], 0, H]
+    p = turned(back(quaternion(c_along, -q["C"])), p)
+    p = turned(back(quaternion((1, 0, 0), n["A0C"])), p)
+    return turned(back(quaternion((0, 1, 0), n["B0C"])), p)
+
+
+def axes_of(words):
+    si = {k: np.radians(v) if k in "AC" else v * 1e-3 for k, v in words.items()}
+    return {k: si.get(k, 0.0) + ZERO.get(k, 0.0) for k in "XYZAC"}
+
+
+def control(words):
+    """Return where a control puts the axes for a place on the part: the nominal machine, solved."""
+    zero = axes_of({})
+    place = tip({**zero, **{k: zero[k] + words[k] * 1e-3 for k in "XYZ"}}, errors=False)
+    q = axes_of({**words, "X": 0.0, "Y": 0.0, "Z": 0.0})
+    here = tip(q, errors=False)
+    ways = np.array([tip({**q, k: q[k] + 1.0}, errors=False) - here for k in "XYZ"]).T
+    for k, by in zip("XYZ", np.linalg.solve(ways, place - here), strict=True):
+        q[k] += by
+    return q, place
+
+
+def moves(text):
+    """Return words in force after each block that moves, with the minutes it takes (LinuxCNC's F)."""
+    held, mode, inverse, feed, found = {}, 0, False, None, []
+    for line in text.splitlines():
+        words = dict(re.findall(r"([A-FH-Z])([-+]?[0-9.]+)", line))
+        for g in re.findall(r"G([0-9.]+)", line):
+            mode = int(g) if g in ("0", "1") else mode
+            inverse = {"93": True, "94": False}.get(g, inverse)
+        feed = float(words["F"]) if "F" in words else None if inverse else feed
+        new = {**held, **{k: float(v) for k, v in words.items() if k in "XYZAC"}}
+        if new != held or any(k in words for k in "XYZAC"):
+            way = [new[k] - held.get(k, 0.0) for k in "XYZ" if k in new]
+            turn = [new[k] - held.get(k, 0.0) for k in "AC" if k in new]
+            length = np.linalg.norm(way) if np.any(way) else np.linalg.norm(turn)
+            minutes = 0.0 if not mode else 1.0 / feed if inverse else length / feed
+            found.append((mode == 1, new, minutes))
+        held = new
+    return found
+
+
+def corrected(folder, text, machine=None, errors=None, **options):
+    source, target = folder / "in.nc", folder / "out.nc"
+    source.write_text(text, newline="")
+    given = {"tool": TOOL, "zero": ZERO, **options}
+    found = rewrite_machine_program(
+        source, target, machine or presets("five_axis", pivot_height=H),
+        LINES if errors is None else errors, **given,
+    )  # fmt: skip
+    return found, target.read_bytes().decode()
+
+
+TURNS = (
+    HEAD
+    + "N1 G1 X10. F200\nN2 C90. F360\nN3 G94 A-25. C95.\nN4 X30.\nN5 G1 C10. M8\nN6 X0. F100\n"
+)
+
+
+def test_a_turn_takes_as_long_as_its_f_says(tmp_path):
+    """F is along the linear axes while one moves: the turn would be made at once, and is timed instead."""
+    found, text = corrected(tmp_path, TURNS, errors=SPIN, rotary_feed="linear")
+    before, after = moves(TURNS), moves(text)
+    assert len(before) == len(after)
+    for (_, _, nominal), (_, _, actual) in zip(before, after, strict=True):
+        assert actual == pytest.approx(nominal, rel=2e-3, abs=1e-9)  # 20 um of 10 mm
+    assert before[2][2] == pytest.approx(0.25, abs=1e-12)
+    assert found.audit["n_inverse_time"] == 3
+    lines = text.splitlines()
+    assert [v for v in lines if v.startswith("G94 F")] == ["G94 F360", "G94 F360"]
+    assert lines[4].startswith("N2 G93 ")
+    assert lines[5].startswith("N3 G93 ")
+    assert "M8" in next(v for v in lines if v.startswith("N5 G93"))
+
+
+def test_parts_of_a_timed_turn_share_its_time(tmp_path):
+    _, text = corrected(
+        tmp_path, "g21g90g94\ng0x60.y0.z0.a-20.c0.\ng1c90.f360\nx61.\n",
+        rotary_feed="linear", tolerance=50 * NM, errors=SPIN,
+    )  # fmt: skip
+    times = [t for feed, _, t in moves(text.upper()) if feed]
+    assert len(times) > 3
+    assert sum(times[:-1]) == pytest.approx(0.25, abs=1e-5)
+    assert "g94 f360" in text
+
+
+def test_a_feed_along_all_axes_stays_as_it_is(tmp_path):
+    found, text = corrected(tmp_path, TURNS, errors=SPIN, rotary_feed="all")
+    assert "G93" not in text
+    assert found.audit["n_inverse_time"] == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (HEAD + "G1 C90. F360\n", "rotary_feed='linear' if it is so"),
+        (HEAD + "G1 X0.01 C90. F360\n", "with hardly any way of linear axes"),
+    ],
+)
+def test_the_meaning_of_f_is_asked_for_where_it_matters(tmp_path, text, said):
+    with pytest.raises(UnsupportedFeatureError, match=re.escape(said)):
+        corrected(tmp_path, text, errors=SPIN)
+
+
+@pytest.mark.parametrize("head", ["G21 G90\n", "G21 G90 G95\n", "G21 G90 G94 F5\nG93\nG94\n"])
+def test_a_turn_without_a_feed_in_minutes_is_refused(tmp_path, head):
+    text = head + "G0 X0. Y0. Z0. A-20. C0.\nG1 C90.\n"
+    with pytest.raises(UnsupportedFeatureError, match=r"no F of G94 tells how long"):
+        corrected(tmp_path, text, rotary_feed="linear", errors=SPIN)
+
+
+PART = """G21 G90 G94
+G0 X0. Y0. Z60. A-30. C20.
+G43.4 H3 Z50.
+G0 X12. Y-8. Z20.
+G1 X15. Y2. Z14. A-42. C75. F300
+X9. C110.
+G1 A-35. C60.
+G49
+G91 G28 Z0
+M30
+"""
+
+
+def test_places_on_the_part_are_met_by_the_control_that_turns_them_into_axes(tmp_path):
+    found, text = corrected(tmp_path, PART, tolerance=20 * NM, rotary_feed="linear")
+    assert "places on the part" in " ".join(found.messages)
+    before, after = moves(PART)[2:-1], moves(text)[2:-1]
+    place, mixed, last = 0.0, [], None
+    for _, words, _ in before:
+        q, wanted = control(words)
+        place = max(place, np.linalg.norm(tip(q, errors=True) - wanted))
+        last = wanted
+    assert place > 10e-6
+    ends = [tip(control(w)[0], errors=True) for _, w, _ in after]
+    for _, words, _ in before:
+        mixed.append(min(np.linalg.norm(e - control(words)[1]) for e in ends))
+    assert max(mixed) < 3 * NM
+    # the last move turns about a point of the part: each of its parts must stay there
+    for _, words, _ in after[-3:]:
+        assert np.linalg.norm(tip(control(words)[0], errors=True) - last) < 25 * NM
+    turn = [t for feed, _, t in after if feed]
+    assert sum(turn) == pytest.approx(sum(t for f, _, t in before if f), rel=1e-3, abs=0.0)
+    assert text.count("G93") == 1
+    assert "G43.4 H3 Z50." in text.splitlines()
+
+
+def test_places_on_the_part_are_not_taken_for_axes(tmp_path):
+    """The same words without G43.4 are another path: 10 um and more apart."""
+    _, text = corrected(tmp_path, PART, rotary_feed="linear")
+    _, plain = corrected(tmp_path / "..", PART.replace("G43.4 H3 ", "").replace("G49\n", ""), rotary_feed="linear", overwrite=True)  # fmt: skip
+    a, b = (next(v for v in t.splitlines() if re.match("X(9|8.99)", v)) for t in (text, plain))
+    words = [float(re.search(r"X([-\d.]+)", line).group(1)) for line in (a, b)]
+    assert abs(words[0] - words[1]) > 0.002
+
+
+def test_a_feed_after_the_length_was_taken_away_and_another_length_are_refused(tmp_path):
+    for tail, said in (
+        ("G49\nG1 X1. Y1. Z1.\n", "G49 took the length"),
+        ("G43.4 H4\n", "tool length changes"),
+    ):
+        with pytest.raises(UnsupportedFeatureError, match=said):
+            corrected(tmp_path, PART.split("G49", maxsplit=1)[0] + tail, rotary_feed="all")
+
+
+LATHE = "G21 G90 G94\nG0 X40. Z1. C0.\nG1 Z0. F10\nX10. C180.\n"
+
+
+def curve(x):
+    return 2e-5 * x + 3e-6 * np.cos(200 * x)
+
+
+def test_diameters_of_a_lathe_are_corrected_by_twice_the_error_of_the_radius(tmp_path):
+    chain, errors = presets("sts_lathe"), {"EXX": curve, "EZX": lambda x: -1e-4 * x, "EYX": 1e-6}
+    given = {"machine": chain, "errors": errors, "zero": {}, "tool": (0, 0, 0)}
+    with pytest.raises(UnitError, match="diameter=True"):
+        corrected(tmp_path, LATHE, **given)
+    for option, head, share in (
+        (True, "", 0.5), (False, "", 1.0), (None, "G7\n", 0.5), (None, "G8\n", 1.0),
+    ):  # fmt: skip
+        given["overwrite"] = True
+        found, text = corrected(tmp_path, head + LATHE, diameter=option, **given)
+        ends = zip(moves(LATHE), moves(text), strict=True)
+        for (_, nominal, _), (_, words, _) in ends:
+            x = words["X"] * 1e-3 * share
+            assert abs(x + curve(x) - nominal["X"] * 1e-3 * share) < 2 * NM
+            assert abs((words["Z"] - nominal["Z"]) * 1e-3 - 1e-4 * x) < 2 * NM
+        assert "do not move the tool across their plane" in " ".join(found.messages)
+
+
+def test_the_options_by_the_command_line(tmp_path, capsys):
+    (tmp_path / "constants.toml").write_text('EXX = "2 um"\n')
+    (tmp_path / "in.nc").write_text(LATHE)
+    said = ["path", str(tmp_path / "in.nc"), "--machine", "sts_lathe", "--error"]
+    said += [str(tmp_path / "constants.toml"), "-o", str(tmp_path / "o.nc")]
+    with pytest.raises(SystemExit):
+        main(said)
+    assert "give --diameter or --radius" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as stop:
+        main([*said, "--diameter", "--rotary-feed", "all", "--json"])
+    assert stop.value.code == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["correction_si"]["X"] == pytest.approx([-2e-6, -2e-6], abs=1e-15)
+    assert "X39.996" in (tmp_path / "o.nc").read_text()
