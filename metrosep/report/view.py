@@ -16,7 +16,7 @@ from metrosep.plot.left_out import lag_words, run_rows
 from metrosep.recipe.result import clean
 from metrosep.recipe.schema import Field, shown
 from metrosep.recipe.step_help import keys_of_step, step_words
-from metrosep.report.certificate import bar_of, certificate, printed
+from metrosep.report.certificate import bar_of, certificate, printed, texts_of
 from metrosep.report.text import (
     SEPARATED_NOTE,
     CharacteristicRow,
@@ -59,6 +59,7 @@ def view(document: Document) -> dict[str, Any]:
     messages = _messages(document, estimate)
     first = certificate(document, messages)
     rule = _sentence(document.get("decision_rule"))
+    own = texts_of([first["language"]])  # of cells: two languages are for what stands beside them
     t, number_of = first["t"], partial(printed, language=first["language"])
     return {
         "c": first,
@@ -68,7 +69,7 @@ def view(document: Document) -> dict[str, Any]:
             meaning=t[f"means_{document.get('verdict') or 'none'}"]
         ),
         "decision_rule": rule if first["language"] == "en" or not rule else t["rule"],
-        "summary": _summary(document, estimate, t)
+        "summary": _summary(document, estimate, t, own)
         + [
             (capital(t["method"]) if k == "Method" else k, v)
             for k, v in separation_rows(separation)
@@ -81,11 +82,11 @@ def view(document: Document) -> dict[str, Any]:
         "messages": [m for m in messages if m not in first["warnings"]],
         "runs": [
             {k: v if k in _AS_TYPED else number_of(v) for k, v in row.items()}
-            for row in _run_rows(document, t)
+            for row in _run_rows(document, own)
         ],
         "wavelengths": [
             {k: number_of(v) for k, v in row.items()}
-            for row in _wavelengths(estimate.get("spectrum") or {}, t)
+            for row in _wavelengths(estimate.get("spectrum") or {}, own)
         ],
         "table": _table(document.get("table"), document.get("more_tables") or (), first),
         "polynomial": _polynomial(document.get("polynomial"), t),
@@ -115,7 +116,9 @@ _AS_TYPED = ("run", "short", "found")
 Texts = Mapping[str, str]
 
 
-def _summary(document: Document, estimate: Document, t: Texts) -> list[tuple[str, str]]:
+def _summary(
+    document: Document, estimate: Document, t: Texts, own: Texts
+) -> list[tuple[str, str]]:
     rows = []
     if estimate.get("method"):
         name = estimate["method"]
@@ -128,7 +131,7 @@ def _summary(document: Document, estimate: Document, t: Texts) -> list[tuple[str
         )
     if estimate.get("fit_range_m"):
         rows.append((capital(t["modelled_travel"]), span(*estimate["fit_range_m"])))
-    rows.append((capital(t["runs"]), _runs((document.get("plots") or {}).get("feeds") or [], t)))
+    rows.append((capital(t["runs"]), _runs((document.get("plots") or {}).get("feeds") or [], own)))
     for way, phrase in lag_words(document) if estimate else []:
         rows.append((f"Delay of the reading{', ' + way if way else ''}", phrase))
     return [(k, v) for k, v in rows if v]
@@ -277,7 +280,7 @@ def _table(
 
     if not table:
         return None
-    t = first["t"]
+    t, own = first["t"], texts_of([first["language"]])
     table = {**table, **numbers_of(table)}
     check = table.get("verification")
     units = AxisUnits(str(table.get("axis") or "X"), str(table.get("compensates") or "X"))
@@ -296,7 +299,7 @@ def _table(
 
     low_high = table.get("span_m")
     axis, target = table.get("axis") or "?", table.get("compensates") or "?"
-    ways = t["one_column" if table.get("reverse_m") is None else "two_columns"]
+    ways = own["one_column" if table.get("reverse_m") is None else "two_columns"]
     rows = [
         ("table_file", table.get("path")),
         ("table_sha", table.get("file_sha256")),
@@ -305,7 +308,7 @@ def _table(
         ("entry", table.get("entry")),
         ("file_units", table.get("units")),
         ("sign_known", table.get("sign_status")),
-        ("looked_up", t["looked_up_at"].format(axis=axis, target=target)),
+        ("looked_up", own["looked_up_at"].format(axis=axis, target=target)),
         ("span", _span(low_high, units) if low_high else None),
         ("outside", table.get("outside")),
         ("points", f"{table['n_points']}, {ways}" if table.get("n_points") else None),
@@ -350,7 +353,7 @@ def _span(ends: Sequence[float], units: AxisUnits) -> str:
 
 
 def _verification(check: Document, units: AxisUnits, first: Mapping[str, Any]) -> dict[str, Any]:
-    t = first["t"]
+    t = texts_of([first["language"]])
     check = {**check, **numbers_of(check)}
     removed = {
         "plane": "mean and plane of the measurement",
