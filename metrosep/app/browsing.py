@@ -104,11 +104,11 @@ def latest(session: Session, message: Message, cancel: Cancel, tell: Tell) -> An
     if len(opened.files) != 1:
         raise DataError("one file of a map or profile can be followed; this is a set, or a method")
     file = opened.files[0]
-    entries = [e for e in _entries(session.places, file.parent) if not e.is_folder]
     if message.get("of") == "folder":
+        entries = [e for e in _entries(session.places, file.parent) if not e.is_folder]
         found = [e for e in entries if e.path.suffix.lower() == file.suffix.lower()]
     else:
-        found = [e for e in entries if e.path.name == file.name]
+        found = _followed(session.places, file)
     found = [e for e in found if _can_be_named(e.path)]
     if not found:
         return {"path": None}, {}
@@ -191,6 +191,16 @@ def _entries(places: Places, folder: Path) -> Sequence[_Entry]:
     except OSError as exc:
         raise ReadError(f"{folder}: cannot be read ({exc.strerror})", exc) from None
     return found
+
+
+def _followed(places: Places, file: Path) -> list[_Entry]:
+    """Return the entry of one file, its folder unread; none where it is gone or leads outside."""
+    with suppress(OSError):
+        facts = file.stat()
+        inside = not file.is_symlink() or places.inside(str(file)) is not None
+        if inside and stat.S_ISREG(facts.st_mode):
+            return [_Entry(file, is_folder=False, size=facts.st_size, seconds=facts.st_mtime)]
+    return []
 
 
 def _can_be_named(path: Path) -> bool:

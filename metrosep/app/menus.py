@@ -63,12 +63,20 @@ def described_menus() -> dict[str, Any]:
     }
 
 
+_DEGREES = tuple(str(n) for n in range(1, 11))
+
+
 def _fields(name: str) -> list[dict[str, Any]]:
     """Return what may be typed or chosen of a form; `of` says how it is written."""
     if name == "polynomial":
         return [
-            _field("degree", "highest degree", value="2", required=True),
-            _field("kind", "degree counts", choices=("total", "tensor")),
+            _field("degree", "highest degree", value="2", required=True, choices=_DEGREES),
+            _field(
+                "kind",
+                "degree counts",
+                choices=("total", "tensor"),
+                help_="total: i + j of x^i y^j up to the degree; tensor: i and j each up to it",
+            ),
         ]
     if name == "zernike":
         return [

@@ -137,8 +137,9 @@ def _shown(recipe: Recipe) -> str:
 
 
 def without_tables(recipe: Recipe) -> Recipe:
-    """Return a recipe without its tables: what is separated does not depend on them."""
-    return replace(recipe, outputs=tuple(o for o in recipe.outputs if o["kind"] != "table"))
+    """Return a recipe without its files for a machine: what is separated does not depend on them."""
+    kept = (o for o in recipe.outputs if o["kind"] not in ("table", "program"))
+    return replace(recipe, outputs=tuple(kept))
 
 
 def _input_key(recipe: Recipe) -> str:

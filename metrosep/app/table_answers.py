@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import re
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -40,7 +39,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.runset import RunSet
 from metrosep.core.units import parse_quantity
-from metrosep.recipe.outputs import active_of, carried_of, machine_of
+from metrosep.recipe.outputs import active_of, carried_of, machine_of, temporary_folder
 from metrosep.recipe.pipeline import CancelledError
 from metrosep.recipe.preflight import output_name
 from metrosep.recipe.recipe import Recipe
@@ -281,8 +280,8 @@ def view_table(wanted: Wanted, estimate: ErrorEstimate, basis: Mapping[str, Any]
         view.header["refused"] = _refusal(exc, wanted, [])
         return view
     name = Path(str(wanted.output["path"])).name
-    with _temporary() as folder:
-        path = Path(folder) / name
+    with temporary_folder("table") as folder:
+        path = folder / name
         try:
             wanted.write(carried, path, against)
         except MetrosepError as exc:
@@ -291,23 +290,10 @@ def view_table(wanted: Wanted, estimate: ErrorEstimate, basis: Mapping[str, Any]
             _add_file(view, path, wanted, estimate)
             _add_preview(view, path)
             return view
-        _add_all_the_same(
-            view, Path(folder) / f"waived-{name}", wanted, estimate, (carried, against)
-        )
+        _add_all_the_same(view, folder / f"waived-{name}", wanted, estimate, (carried, against))
         said = view.header.get("findings", [])
-        view.header["refused"] = _refusal(refused, wanted, said, folder)
+        view.header["refused"] = _refusal(refused, wanted, said, str(folder))
     return view
-
-
-def _temporary() -> tempfile.TemporaryDirectory[str]:
-    try:
-        return tempfile.TemporaryDirectory(prefix="metrosep-table-", ignore_cleanup_errors=True)
-    except OSError as exc:
-        raise WriteError(
-            f"the table cannot be tried in a temporary folder ({exc.strerror or exc}); make room, or "
-            "set TMPDIR to another folder",
-            exc,
-        ) from None
 
 
 def _sign(wanted: Wanted) -> dict[str, Any]:

@@ -316,7 +316,8 @@ def _nothing(recipe: Recipe, folder: Path, found: Found) -> str:
     named = [p for p in recipe.input.get("files") or () if not any(c in p for c in "*?[")]
     hint = ""
     if named:  # such as the one of a recipe that --print-recipe printed
-        hint = f'; for all files of one kind write files = ["*{Path(named[0]).suffix}"]'
+        every = f'"*{Path(named[0]).suffix}"'
+        hint = f"; for all files of one kind write files = [{every}], or say -s 'input.files=[{every}]'"
     return f"{text}; check the folder, and 'files' of [input] in {recipe.name}{hint}"
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-import math
 import os
 import re
 import stat
@@ -20,6 +19,7 @@ from metrosep._version import __version__
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import MetrosepError, ReadError, RecipeError, WriteError
 from metrosep.core.methods import METHODS
+from metrosep.core.runset import feed_groups
 from metrosep.io.registry import FOLDERS_VARIABLE, formats
 from metrosep.recipe.result import document_text
 
@@ -336,7 +336,7 @@ def _sets(
     held = {} if apart is None else {f: _feeds_held(f, apart) for f in files}
     own = [f for f, feeds in held.items() if feeds is not None and len(feeds) != 1]
     one = {f: feeds[0] for f, feeds in held.items() if feeds is not None and len(feeds) == 1}
-    if len(set(one.values())) < len(one):  # else a set is one file for each feedrate
+    if len(feed_groups(list(one.values()))) < len(one):  # else a set is one file for each feedrate
         own = sorted([*own, *one])
     for file in own:
         yield file, [file]
@@ -344,14 +344,14 @@ def _sets(
         yield place, [f for f in files if f not in own]
 
 
-_LOOKED: dict[tuple[str, int, int, str], tuple[int, ...] | None] = {}
+_LOOKED: dict[tuple[str, int, int, str], tuple[float, ...] | None] = {}
 """What was found in files of that size and time: a batch that watches looks again and again."""
 
 
-def _feeds_held(file: Path, reading: dict[str, Any]) -> tuple[int, ...] | None:
-    """Return the feedrates of a file in which a column tells several runs of one direction apart.
+def _feeds_held(file: Path, reading: dict[str, Any]) -> tuple[float, ...] | None:
+    """Return the feedrates, m/s, of a file in which a column tells several runs of one direction apart.
 
-    As whole numbers of 2 %; empty where they are not known, None of another file.
+    Empty where they are not known, None of another file.
     """
     from metrosep.io.runs import read_runs, told_columns
     from metrosep.recipe.schema import reading_options
@@ -362,11 +362,11 @@ def _feeds_held(file: Path, reading: dict[str, Any]) -> tuple[int, ...] | None:
         if key not in _LOOKED:
             given = {k: v for k, v in reading_options(reading).items() if v is not None}
             told = given if "x" in given else told_columns(file, given)
-            runs = read_runs(file, angles=True, **given) if told.get("run") else ()
-            ways = [r.direction for r in runs]
-            known = {round(math.log(r.feed) / 0.02) for r in runs if r.feed}
+            runs = read_runs(file, angles=True, **given) if told.get("run") else None
+            ways = [r.direction for r in runs or ()]
             is_set = max(ways.count(1), ways.count(-1)) > 1
-            _LOOKED[key] = tuple(sorted(known)) if is_set else None
+            feeds = tuple(feed for feed, _ in runs.by_feed()) if runs is not None else ()
+            _LOOKED[key] = feeds if is_set else None
         return _LOOKED[key]
     except (MetrosepError, OSError, TypeError, ValueError):  # said where the unit is read
         return None

@@ -224,6 +224,8 @@ def measure(
     )
     if print_recipe:
         click.echo(recipe.text, nl=False)
+        every = f'input.files=["*{Path(files[0]).suffix}"]'
+        say_next("batch", "RECIPE", "FOLDER", "-o", "qa", "-s", every)
         return 0
     results: list[dict[str, Any]] = []
     codes = []

@@ -366,7 +366,8 @@ def missing_options(missing: Sequence[str], file: str) -> click.UsageError:
 
 def say_next(command: str, *words: object) -> None:
     """Print the command that one would type next, as the last line."""
-    typed = " ".join(w if re.fullmatch(r"[\w.,=:/*+-]+", w) else f'"{w}"' for w in map(str, words))
+    marks = (("'" if '"' in w else '"', w) for w in map(str, words))
+    typed = " ".join(w if re.fullmatch(r"[\w.,=:/*+-]+", w) else f"{q}{w}{q}" for q, w in marks)
     say(f"next: metrosep {command} {typed}")
 
 

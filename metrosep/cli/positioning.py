@@ -92,6 +92,7 @@ def listed_cycles(
     files: Sequence[str], options: Mapping[str, Any], reading: Mapping[str, Any]
 ) -> RunSet:
     """Return the cycles of a list of targets as runs of deviations actual - target."""
+    from metrosep.cli.options import missing_options
     from metrosep.cli.shortcut import RUN_INPUT
     from metrosep.core.methods import METHODS
     from metrosep.core.text_options import TEXT_OPTIONS
@@ -113,6 +114,9 @@ def listed_cycles(
             )
     reading = {**reading, **{k: options[k] for k in TEXT_OPTIONS if options.get(k) is not None}}
     roles = {k: options[k] for k in _ROLES if options.get(k)}
+    missing = [k for k in ("target", "direction", "readings") if k not in roles]
+    if roles and missing:
+        raise missing_options(missing, files[0])
     if "readings" in roles:
         roles["readings"] = [c.strip() for c in roles["readings"].split(",") if c.strip()]
         twice = [c for i, c in enumerate(roles["readings"]) if c in roles["readings"][:i]]

@@ -33,6 +33,17 @@ SAME_FEED = 0.02
 _MM_PER_MIN = 1e-3 / 60.0
 
 
+def feed_groups(feeds: Sequence[float]) -> list[list[int]]:
+    """Return the indices of feeds that are one feedrate, slowest group first: the slowest of it leads."""
+    groups: list[list[int]] = []
+    for i in sorted(range(len(feeds)), key=lambda k: (feeds[k], k)):
+        if groups and feeds[i] <= feeds[groups[-1][0]] * (1.0 + SAME_FEED):
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+    return groups
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Run(PublicObject):
     """One pass of an axis, in the order of time; frozen, SI, NaN = not measured.
@@ -344,19 +355,10 @@ class RunSet(PublicObject):
         list of (float, tuple of Run)
             Mean feed of the group in m/s and its runs. Runs without a feed are left out.
         """
-        timed = sorted(
-            ((r.feed, i, r) for i, r in enumerate(self.runs) if r.feed is not None),
-            key=lambda item: item[:2],
-        )
-        groups: list[list[tuple[float, Run]]] = []
-        for feed, _, run in timed:
-            if groups and feed <= groups[-1][0][0] * (1.0 + SAME_FEED):
-                groups[-1].append((feed, run))
-            else:
-                groups.append([(feed, run)])
+        timed = [(r.feed, r) for r in self.runs if r.feed is not None]
         return [
-            (float(np.mean([f for f, _ in group])), tuple(run for _, run in group))
-            for group in groups
+            (float(np.mean([timed[i][0] for i in group])), tuple(timed[i][1] for i in group))
+            for group in feed_groups([feed for feed, _ in timed])
         ]
 
     def select(self, *, direction: int | None = None, feed: float | None = None) -> RunSet:

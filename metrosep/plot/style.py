@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -41,6 +42,7 @@ __all__ = [
     "label_decades",
     "length_scale",
     "lighten",
+    "localise",
     "mark_placed",
     "new_figure",
     "scale_of",
@@ -291,7 +293,9 @@ def label_decades(axes: Axes) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def figure_svg(draw: Draw, document: Document) -> str:
+def figure_svg(
+    draw: Draw, document: Document, *, finish: Callable[[Any], None] | None = None
+) -> str:
     """Return a figure as SVG text; the same document gives the same bytes.
 
     Parameters
@@ -300,6 +304,8 @@ def figure_svg(draw: Draw, document: Document) -> str:
         One of the drawing functions of `metrosep.plot`.
     document : mapping
         A result.
+    finish : callable, optional
+        Changes the figure before it is written, such as the language of its words.
 
     Returns
     -------
@@ -311,12 +317,39 @@ def figure_svg(draw: Draw, document: Document) -> str:
     with house_style():
         figure = _figure_of(draw(document))
         lighten(figure)
+        if finish is not None:
+            finish(figure)
         stream = io.StringIO()
         undated = {"Date": None, "Creator": None, "Type": None, "Format": None}
         # not savefig, which draws everything once more before
         canvas: Any = FigureCanvasSVG(figure)
         canvas.print_svg(stream, metadata=undated)
     return stream.getvalue()
+
+
+def localise(figure: Figure, *, words: Mapping[str, str], decimal: str) -> None:
+    """Put the words of a figure into another language, the longest phrase first, and its decimal sign."""
+    from matplotlib.text import Text
+
+    longest_first = sorted(words, key=lambda phrase: -len(phrase))
+    phrases = re.compile("|".join(rf"\b{re.escape(w)}(?!\w)" for w in longest_first))
+
+    def said(text: str) -> str:
+        text = phrases.sub(lambda found: words[found[0]], text) if words else text
+        return re.sub(r"(?<=\d)\.(?=\d)", decimal, text)
+
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            for formatter in (axis.get_major_formatter(), axis.get_minor_formatter()):
+                formatter.format_ticks = _then(said, formatter.format_ticks)  # type: ignore[assignment, method-assign]
+    for item in figure.findobj(Text):
+        item.set_text(said(item.get_text()))
+
+
+def _then(
+    said: Callable[[str], str], ticks: Callable[[Any], list[str]]
+) -> Callable[[Any], list[str]]:
+    return lambda places: [said(label) for label in ticks(places)]
 
 
 def figure_png(draw: Draw, document: Document, *, dpi: float = 160.0) -> bytes:

@@ -33,7 +33,7 @@ from metrosep.recipe.outputs import (
 )
 from metrosep.recipe.parts import input_records, named_files, write_parts
 from metrosep.recipe.preflight import RESULT_NAME
-from metrosep.recipe.programs import write_programs
+from metrosep.recipe.programs import try_programs, write_programs
 from metrosep.recipe.report_fields import report_of
 from metrosep.recipe.result import (
     SCHEMA,
@@ -97,7 +97,9 @@ def run_method(
         files_of = tuple(f for t in made for f in t.files)
         return Result({**document, **_described(made)}, produced, files_of)
     if out is None:
-        return Result({**document, **_described(dry_runs(recipe, document))}, produced)
+        document |= _described(dry_runs(recipe, document))
+        document["messages"] = [*document["messages"], *try_programs(recipe, produced, tell)]
+        return Result(document, produced)
     with staged(out, tables=table_names(recipe)) as stage:
         made = write_tables(
             recipe,

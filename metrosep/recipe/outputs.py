@@ -8,6 +8,7 @@ import json
 import os
 import secrets
 import shutil
+import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,10 +18,7 @@ from typing import TYPE_CHECKING, Any
 from metrosep.compensation import CompensationTable, PolynomialFit, Verification
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.measured import Folds
-from metrosep.controllers.active import Active, active_file
-from metrosep.controllers.options import split_machine
 from metrosep.controllers.registry import find
-from metrosep.controllers.safety import waived_names
 from metrosep.core.errors import CorruptFileError, DataError, MetrosepError, TableError, WriteError
 from metrosep.core.methods import METHODS
 from metrosep.core.provenance import hash_bytes
@@ -42,6 +40,7 @@ from metrosep.separation.positions.pitch import pitch_errors_of
 from metrosep.separation.runs.base import ErrorEstimate
 
 if TYPE_CHECKING:
+    from metrosep.controllers.base import Prepared
     from metrosep.recipe.recipe import Recipe
 
 __all__ = [
@@ -56,6 +55,7 @@ __all__ = [
     "recipe_hash",
     "require_free",
     "staged",
+    "temporary_folder",
     "write_reports",
     "write_tables",
 ]
@@ -205,32 +205,11 @@ def _folds_in(document: Mapping[str, Any], made: Any) -> Folds | None:
 
 
 def dry_runs(recipe: Recipe, document: Mapping[str, Any]) -> list[WrittenTable]:
-    """Return the tables of a recipe with their dry-runs; nothing is written."""
+    """Return the tables of a recipe after every check of their files; nothing is written."""
     found = []
-    for output, place in _tables_of(recipe):
-        made, runs, folds = carried_of(document, output)
-        limits = machine_limits(output, place)
-        active, controller = active_of(output, recipe), output["controller"]
-        was = None
-        if active not in (None, "none"):
-            was = active_file(
-                active,
-                made,
-                controller,
-                split_machine(limits, find(controller).options, controller)[0],
-            )
-            was.require_temperature(made)
-        verification = _dry_run(
-            made,
-            runs,
-            was,
-            folds=folds,
-            travel=(limits.get("travel_low"), limits.get("travel_high")),
-            waived=waived_names(output.get("waive", ())),
-        )
-        whole = made if was is None else was.added(made)
-        description = {**whole.to_dict(), "verification": verification.to_dict()}
-        found.append(WrittenTable(description, verification))
+    for prepared, written in _prepared(recipe, document, [Path(n) for n in table_names(recipe)]):
+        description = {k: v for k, v in written.description.items() if k != "path"}
+        found.append(WrittenTable(description, prepared.verification))
     return found
 
 
@@ -244,12 +223,31 @@ def write_tables(
     overwrite: bool = False,
 ) -> list[WrittenTable]:
     """Write the tables of a recipe (into `stage`, if given) after dry-runs of the very bytes of all."""
+    ready, written = [], []
+    for prepared, table in _prepared(recipe, document, targets, tell, overwrite=overwrite):
+        prepared.require_free()
+        ready.append(prepared)
+        written.append(table)
+    for prepared in ready:
+        prepared.write(stage)
+    return written
+
+
+def _prepared(
+    recipe: Recipe,
+    document: Mapping[str, Any],
+    targets: Sequence[Path],
+    tell: Progress | None = None,
+    *,
+    overwrite: bool = False,
+) -> Iterator[tuple[Prepared, WrittenTable]]:
+    """Yield each table of a recipe, checked to the bytes of its file: all doors ask here."""
     from metrosep.controllers.base import own_part, sidecar_path
     from metrosep.controllers.files import prepare
 
-    ready, written = [], []
     for (output, place), target in zip(_tables_of(recipe), targets, strict=True):
-        tell(f"dry-running and writing {output['path']}")
+        if tell is not None:
+            tell(f"dry-running and writing {output['path']}")
         made, runs, folds = carried_of(document, output)
         prepared = prepare(
             made,
@@ -266,15 +264,10 @@ def write_tables(
         path = prepared.target
         if prepared.verification is None:
             raise TableError(f"{path}: the table was written without a dry-run")
-        prepared.require_free()
-        ready.append(prepared)
         sidecar = own_part(json.loads(prepared.sidecar), getattr(made, "compensates", None))
         description = {**sidecar.pop("table"), **sidecar, "path": path.name}
         files = (path, sidecar_path(path))
-        written.append(WrittenTable(description, prepared.verification, files))
-    for prepared in ready:
-        prepared.write(stage)
-    return written
+        yield prepared, WrittenTable(description, prepared.verification, files)
 
 
 def active_of(output: Mapping[str, Any], recipe: Recipe) -> str | None:
@@ -308,29 +301,6 @@ def require_free(
 
     for (output, _), target in zip(_tables_of(recipe), targets, strict=True):
         refuse_other(target, output["controller"], sources)
-
-
-def _dry_run(
-    made: Any,
-    runs: RunSet | ErrorEstimate,
-    was: Active | None,
-    *,
-    waived: tuple[str, ...],
-    **more: Any,
-) -> Verification:
-    """Return the dry-run of a table or polynomial as it is, before a controller rounds it."""
-    from metrosep.controllers.base import Simulator, table_lookup
-    from metrosep.controllers.files import dry_run_carried
-
-    def of(table: Any) -> Simulator:
-        """Return what a table adds, or what it changes of the one that was active."""
-        return (
-            table_lookup(table) if was is None else was.increment(table_lookup(was.added(table)))
-        )
-
-    result: Verification = dry_run_carried(made, of(made), runs, of=of, **more)
-    result.require("the table", waived=waived)
-    return result
 
 
 def write_reports(
@@ -384,6 +354,21 @@ def staged(folder: Path, *, tables: Collection[str] = ()) -> Iterator[Path]:
         if made:
             with contextlib.suppress(OSError):  # not empty: the run succeeded
                 folder.rmdir()
+
+
+@contextmanager
+def temporary_folder(what: str) -> Iterator[Path]:
+    """Give a folder for a file that is tried and never kept."""
+    try:
+        made = tempfile.TemporaryDirectory(prefix=f"metrosep-{what}-", ignore_cleanup_errors=True)
+    except OSError as exc:
+        raise WriteError(
+            f"the {what} cannot be tried in a temporary folder ({exc.strerror or exc}); make room, or "
+            "set TMPDIR to another folder",
+            exc,
+        ) from None
+    with made as folder:
+        yield Path(folder)
 
 
 def _hidden_folder(folder: Path) -> Path:

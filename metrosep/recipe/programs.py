@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.options import options_of
 from metrosep.core.units import format_length
+from metrosep.recipe.outputs import temporary_folder
 from metrosep.recipe.preflight import output_name
 from metrosep.recipe.schema import Field
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["PROGRAM", "write_programs"]
+__all__ = ["PROGRAM", "try_programs", "write_programs"]
 
 _FILE: Mapping[str, Field] = {
     "kind": Field("text", required=True),
@@ -62,6 +64,18 @@ class _ProgramKeys(Mapping[str, Field]):
 
 
 PROGRAM: Mapping[str, Field] = _ProgramKeys()
+
+
+def try_programs(recipe: Recipe, produced: Any, tell: Callable[[str], None]) -> list[str]:
+    """Return what the virtual parts of the programs say; the files are written nowhere that lasts."""
+    if all(output["kind"] != "program" for output in recipe.outputs):
+        return []
+    with temporary_folder("program") as folder:
+        try:
+            return write_programs(recipe, produced, folder, tell)[1]
+        except MetrosepError as exc:
+            exc.args = (str(exc).replace(f"{folder}{os.sep}", ""), *exc.args[1:])
+            raise
 
 
 def write_programs(

@@ -78,7 +78,7 @@ def texts_of(languages: Sequence[str]) -> dict[str, str]:
     """
     chosen = [n for n in languages if n in LANGUAGES] or ["en"]
     catalogues = [_catalogue(n) for n in chosen]
-    return {k: " / ".join(dict.fromkeys(c[k] for c in catalogues)) for k in catalogues[0]}
+    return {k: " / ".join(dict.fromkeys(c[k] for c in catalogues if c[k])) for k in catalogues[0]}
 
 
 def printed(number: str, language: str) -> str:

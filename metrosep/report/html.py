@@ -9,12 +9,14 @@ from __future__ import annotations
 import base64
 import math
 import re
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from markupsafe import Markup
 
+from metrosep.report.certificate import languages_of, printed, texts_of
 from metrosep.report.text import document_writer, one_line, span
 from metrosep.report.view import typeset, view
 
@@ -135,15 +137,6 @@ def _figures(document: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 # ---- the figures of a result with titles and captions, as every report shows them --------------
 
-_TITLES = {
-    "before_after": "Error over position",
-    "spectrum": "Amplitude over wavelength",
-    "residual_psd": "What was separated, over frequency",
-    "left_out_plot": "Each run against the others",
-    "table_plot": "Compensation table",
-    "separation_parts": "Parts of the readings",
-}
-
 
 class Drawing(NamedTuple):
     """One figure of a report."""
@@ -158,12 +151,30 @@ class Drawing(NamedTuple):
 def figures_of(document: Mapping[str, Any]) -> list[Drawing]:
     """Return the figures of a result."""
     from metrosep.plot import drawable, figure_svg
+    from metrosep.plot.style import localise
 
     words = captions_of(document)
+    language = languages_of(document)[0]
+    finish = partial(
+        localise, words=_picture_words().get(language, {}), decimal=printed(".", language)
+    )
     return [
-        Drawing(name, *words[name], figure_svg(draw, document))
+        Drawing(
+            name,
+            *words[name],
+            figure_svg(draw, document, finish=finish if language != "en" else None),
+        )
         for name, draw in drawable(document).items()
     ]
+
+
+@cache
+def _picture_words() -> Mapping[str, Mapping[str, str]]:
+    from importlib.resources import files
+
+    return tomllib.loads(
+        files("metrosep.report").joinpath("languages/pictures.toml").read_text("utf-8")
+    )
 
 
 def width_of(svg: str) -> float:
@@ -185,8 +196,8 @@ def captions_of(document: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
     """Return titles and captions of the figures that a result may have."""
     from metrosep.plot.summary import charts_of
 
-    captions = _captions(document)
-    found = {name: (title, captions[name]) for name, title in _TITLES.items()}
+    t = texts_of(languages_of(document))
+    found = {name: (t[f"fig_{name}"], text) for name, text in _captions(document).items()}
     for i, chart in enumerate(charts_of(document), start=1):
         title = str(chart.get("title") or "Chart")
         found[f"chart_{i}"] = (title, typeset(str(chart.get("caption") or "")))

@@ -376,7 +376,7 @@ def _lines(shown: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             )
     yield from _table(shown["table"])
     if shown["polynomial"]:
-        yield from _head(f"Polynomial of the {shown['polynomial']['meaning']}")
+        yield from _head(shown["polynomial"]["heading"])
         yield from (("mono", line) for line in shown["polynomial"]["horner"].splitlines())
         yield from _facts(shown["polynomial"]["rows"])
     yield from _head("Where it comes from")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from metrosep.compensation.area_errors import AxisUnits, is_rotary, numbers_of
@@ -15,10 +16,11 @@ from metrosep.plot.left_out import lag_words, run_rows
 from metrosep.recipe.result import clean
 from metrosep.recipe.schema import Field, shown
 from metrosep.recipe.step_help import keys_of_step, step_words
-from metrosep.report.certificate import bar_of, certificate, printed
+from metrosep.report.certificate import bar_of, certificate, printed, texts_of
 from metrosep.report.text import (
     SEPARATED_NOTE,
     CharacteristicRow,
+    capital,
     characteristic_rows,
     decimals_for,
     length,
@@ -56,24 +58,38 @@ def view(document: Document) -> dict[str, Any]:
     separation = document.get("separation") or {}
     messages = _messages(document, estimate)
     first = certificate(document, messages)
+    rule = _sentence(document.get("decision_rule"))
+    own = texts_of([first["language"]])  # of cells: two languages are for what stands beside them
+    t, number_of = first["t"], partial(printed, language=first["language"])
     return {
         "c": first,
         "title": document.get("title") or "Separation of repeated runs",
         "version": document.get("metrosep") or "",
-        "stamp": stamp(document.get("verdict")),
-        "decision_rule": _sentence(document.get("decision_rule")),
-        "summary": _summary(document, estimate)
-        + separation_rows(separation)
+        "stamp": stamp(document.get("verdict"))._replace(
+            meaning=t[f"means_{document.get('verdict') or 'none'}"]
+        ),
+        "decision_rule": rule if first["language"] == "en" or not rule else t["rule"],
+        "summary": _summary(document, estimate, t, own)
+        + [
+            (capital(t["method"]) if k == "Method" else k, v)
+            for k, v in separation_rows(separation)
+        ]
         + plan_rows(document.get("plan") or {}),
         "characteristics": _characteristics(document, first),
         "header": header_rows(document),
         "hashes": short_hashes(document),
         "uncertainty_note": SEPARATED_NOTE if separation else _NOT_IN_BAND,
         "messages": [m for m in messages if m not in first["warnings"]],
-        "runs": _run_rows(document),
-        "wavelengths": _wavelengths(estimate.get("spectrum") or {}),
-        "table": _table(document.get("table"), document.get("more_tables") or ()),
-        "polynomial": _polynomial(document.get("polynomial")),
+        "runs": [
+            {k: v if k in _AS_TYPED else number_of(v) for k, v in row.items()}
+            for row in _run_rows(document, own)
+        ],
+        "wavelengths": [
+            {k: number_of(v) for k, v in row.items()}
+            for row in _wavelengths(estimate.get("spectrum") or {}, own)
+        ],
+        "table": _table(document.get("table"), document.get("more_tables") or (), first),
+        "polynomial": _polynomial(document.get("polynomial"), t),
         "settings": _settings(
             estimate.get("audit") or separation_audit(separation),
             str(separation.get("op") or "separate"),
@@ -94,32 +110,45 @@ def _sentence(text: Any) -> str:
     return words[0].upper() + words[1:] + ("" if words[-1] in ".!?" else ".")
 
 
-def _summary(document: Document, estimate: Document) -> list[tuple[str, str]]:
+_AS_TYPED = ("run", "short", "found")
+"""Cells of a run that are no numbers."""
+
+Texts = Mapping[str, str]
+
+
+def _summary(
+    document: Document, estimate: Document, t: Texts, own: Texts
+) -> list[tuple[str, str]]:
     rows = []
     if estimate.get("method"):
         name = estimate["method"]
-        rows.append(("Method", f"{name}: {_METHODS.get(name, 'see the documentation')}"))
+        rows.append(
+            (capital(t["method"]), f"{name}: {_METHODS.get(name, 'see the documentation')}")
+        )
     if estimate.get("start_m") is not None:
-        rows.append(("Evaluation range", span(estimate["start_m"], estimate["stop_m"])))
+        rows.append(
+            (capital(t["evaluation_range"]), span(estimate["start_m"], estimate["stop_m"]))
+        )
     if estimate.get("fit_range_m"):
-        rows.append(("Modelled travel, guard zones included", span(*estimate["fit_range_m"])))
-    rows.append(("Runs", _runs((document.get("plots") or {}).get("feeds") or [])))
+        rows.append((capital(t["modelled_travel"]), span(*estimate["fit_range_m"])))
+    rows.append((capital(t["runs"]), _runs((document.get("plots") or {}).get("feeds") or [], own)))
     for way, phrase in lag_words(document) if estimate else []:
         rows.append((f"Delay of the reading{', ' + way if way else ''}", phrase))
     return [(k, v) for k, v in rows if v]
 
 
-def _runs(feeds: Sequence[Document]) -> str:
+def _runs(feeds: Sequence[Document], t: Texts) -> str:
     parts = []
     for way in ("forward", "reverse", "both"):
         rows = [f for f in feeds if f.get("direction") == way]
         if rows:
             speeds = ", ".join(
-                "not known" if f.get("feed_mm_min") is None else f"{f['feed_mm_min']:.6g}"
+                t["not_known"] if f.get("feed_mm_min") is None else f"{f['feed_mm_min']:.6g}"
                 for f in rows
             )
             n = sum(f.get("n_runs") or 0 for f in rows)
-            parts.append(f"{n} {way} at {speeds} mm/min".replace("not known mm/min", "not known"))
+            said = t["runs_at"].format(n=n, way=t[way], feeds=speeds)
+            parts.append(said.replace(f"{t['not_known']} mm/min", t["not_known"]))
     return "; ".join(parts)
 
 
@@ -189,7 +218,7 @@ def _messages(document: Document, estimate: Document) -> list[str]:
     return [_sentence(typeset(step_words(str(m), op))) for m in dict.fromkeys(both)]
 
 
-def _run_rows(document: Document) -> list[dict[str, str]]:
+def _run_rows(document: Document, t: Texts) -> list[dict[str, str]]:
     """Return each run against the others, as text; empty where nothing was compared."""
     rows = run_rows(document) if document.get("estimate") else []
     several = len({r["direction"] for r in rows}) > 1
@@ -205,7 +234,7 @@ def _run_rows(document: Document) -> list[dict[str, str]]:
         {
             "run": r["run"],
             "short": r["short"],
-            "direction": r["direction"] if several else "",
+            "direction": t.get(r["direction"], r["direction"]) if several else "",
             "feed": text(r["feed_mm_min"], ".6g"),
             "misfit": text(r["misfit"], ".2f"),
             "gain": text(r["gain"], ".3f"),
@@ -222,7 +251,7 @@ def _run_rows(document: Document) -> list[dict[str, str]]:
     ]
 
 
-def _wavelengths(spectrum: Document) -> list[dict[str, str]]:
+def _wavelengths(spectrum: Document, t: Texts) -> list[dict[str, str]]:
     """Return the strongest selected wavelengths, the longest first."""
     keys = ("direction", "wavelength_mm", "amplitude_nm", "sd_nm", "phase_rad", "selected")
     n = len(spectrum.get("wavelength_mm") or [])
@@ -233,7 +262,7 @@ def _wavelengths(spectrum: Document) -> list[dict[str, str]]:
     strongest.sort(key=lambda r: (r["direction"] or "", -r["wavelength_mm"]))
     return [
         {
-            "direction": r["direction"] or "",
+            "direction": t.get(r["direction"] or "", r["direction"] or ""),
             "wavelength": number(r["wavelength_mm"], 1.0, 2),
             "amplitude": number(r["amplitude_nm"], 1.0, 1),
             "u": number(r["sd_nm"], 1.0, 1),
@@ -243,12 +272,15 @@ def _wavelengths(spectrum: Document) -> list[dict[str, str]]:
     ]
 
 
-def _table(table: Document | None, others: Sequence[Document] = ()) -> dict[str, Any] | None:
+def _table(
+    table: Document | None, others: Sequence[Document], first: Mapping[str, Any]
+) -> dict[str, Any] | None:
     """Return what is shown of the first table, with the warnings of all of them."""
     from metrosep.controllers.safety import sidecar_warnings
 
     if not table:
         return None
+    t, own = first["t"], texts_of([first["language"]])
     table = {**table, **numbers_of(table)}
     check = table.get("verification")
     units = AxisUnits(str(table.get("axis") or "X"), str(table.get("compensates") or "X"))
@@ -267,28 +299,26 @@ def _table(table: Document | None, others: Sequence[Document] = ()) -> dict[str,
 
     low_high = table.get("span_m")
     axis, target = table.get("axis") or "?", table.get("compensates") or "?"
-    ways = "one column for both directions"
-    if table.get("reverse_m") is not None:
-        ways = "one column for each direction"
+    ways = own["one_column" if table.get("reverse_m") is None else "two_columns"]
     rows = [
-        ("File", table.get("path")),
-        ("SHA-256 of the file", table.get("file_sha256")),
-        ("Controller", table.get("controller")),
-        ("Sign", table.get("sign")),
-        ("Entry in the file", table.get("entry")),
-        ("Units in the file", table.get("units")),
-        ("How the sign is known", table.get("sign_status")),
-        ("Looked up at, corrects", f"position of {axis}, correction of {target}"),
-        ("Span", _span(low_high, units) if low_high else None),
-        ("Outside the span", table.get("outside")),
-        ("Points", f"{table['n_points']}, {ways}" if table.get("n_points") else None),
-        ("Reference (zero correction)", place("reference_m")),
-        ("Stroke (largest correction)", amount("stroke_m")),
-        ("Interpolation error, at most", amount("interpolation_error_m")),
-        ("Rounding in the file, at most", amount("quantisation_m")),
+        ("table_file", table.get("path")),
+        ("table_sha", table.get("file_sha256")),
+        ("controller", table.get("controller")),
+        ("sign", table.get("sign")),
+        ("entry", table.get("entry")),
+        ("file_units", table.get("units")),
+        ("sign_known", table.get("sign_status")),
+        ("looked_up", own["looked_up_at"].format(axis=axis, target=target)),
+        ("span", _span(low_high, units) if low_high else None),
+        ("outside", table.get("outside")),
+        ("points", f"{table['n_points']}, {ways}" if table.get("n_points") else None),
+        ("reference", place("reference_m")),
+        ("stroke", amount("stroke_m")),
+        ("interpolation", amount("interpolation_error_m")),
+        ("rounding", amount("quantisation_m")),
     ]
     return {
-        "rows": [(k, str(v)) for k, v in rows if v],
+        "rows": [(capital(t[k]), str(v)) for k, v in rows if v],
         "wiring": "\n".join(table.get("hal_routing") or []),
         "wiring_of": f"{axis} to {target}",
         "activation": [_sentence(s) for s in table.get("activation") or []],
@@ -296,15 +326,15 @@ def _table(table: Document | None, others: Sequence[Document] = ()) -> dict[str,
             {
                 "level": f.get("level") or "note",
                 "problem": _sentence(
-                    (f"{t.get('path') or 'table'}: " if others else "") + f["problem"]
+                    (f"{one.get('path') or 'table'}: " if others else "") + f["problem"]
                 ),
                 "fix": _sentence(f.get("fix"))
                 + (f" Accepted: {f['check']} was waived." if f["waived"] else ""),
             }
-            for t in (table, *others)
-            for f in sidecar_warnings(t)
+            for one in (table, *others)
+            for f in sidecar_warnings(one)
         ],
-        "verification": _verification(check, units) if isinstance(check, Mapping) else None,
+        "verification": _verification(check, units, first) if isinstance(check, Mapping) else None,
         "waived": check if isinstance(check, str) else ("not done" if check is None else ""),
     }
 
@@ -322,7 +352,8 @@ def _span(ends: Sequence[float], units: AxisUnits) -> str:
     return f"{units.place(ends[0])} to {units.place(ends[1])}"
 
 
-def _verification(check: Document, units: AxisUnits) -> dict[str, Any]:
+def _verification(check: Document, units: AxisUnits, first: Mapping[str, Any]) -> dict[str, Any]:
+    t = texts_of([first["language"]])
     check = {**check, **numbers_of(check)}
     removed = {
         "plane": "mean and plane of the measurement",
@@ -336,14 +367,17 @@ def _verification(check: Document, units: AxisUnits) -> dict[str, Any]:
         "removed": removed,
         "span": _span(check["span_m"], units) if check.get("span_m") else "",
         "rows": [
-            _residual(r, q, turns=is_rotary(units.corrected))
+            {
+                k: printed(v, first["language"])
+                for k, v in _residual(r, q, t, turns=is_rotary(units.corrected)).items()
+            }
             for r in check.get("residuals") or []
             for q in ("pv", "rms")
         ],
     }
 
 
-def _residual(row: Document, quantity: str, *, turns: bool) -> dict[str, str]:
+def _residual(row: Document, quantity: str, t: Texts, *, turns: bool) -> dict[str, str]:
     row = numbers_of(row)
     before, after, wrong = (
         row.get(f"{k}_{quantity}_m") for k in ("before", "after", "wrong_sign")
@@ -354,9 +388,9 @@ def _residual(row: Document, quantity: str, *, turns: bool) -> dict[str, str]:
     decimals = min(decimals_for(None if u is None else u / factor, largest), 3)
     n = row.get("n_runs") or 1
     return {
-        "direction": str(row.get("direction") or ""),
+        "direction": t.get(str(row.get("direction")), str(row.get("direction") or "")),
         "quantity": ("P-V" if quantity == "pv" else "RMS") + f", {unit}",
-        "n_runs": f"mean of {n} runs" if n > 1 else "one curve",
+        "n_runs": t["mean_of"].format(n=n) if n > 1 else t["one_curve"],
         "before": number(before, factor, decimals),
         "after": number(after, factor, decimals)
         + ("" if u is None else f" (u = {number(u, factor, decimals)})"),
@@ -369,7 +403,7 @@ def _percent(ratio: float) -> str:
     return f"{100.0 * (ratio - 1.0):+.0f} %".replace("-", "−")
 
 
-def _polynomial(fit: Document | None) -> dict[str, Any] | None:
+def _polynomial(fit: Document | None, t: Texts) -> dict[str, Any] | None:
     if not fit:
         return None
     rows = [
@@ -379,11 +413,11 @@ def _polynomial(fit: Document | None) -> dict[str, Any] | None:
         ("Uncertainty from", fit.get("covariance_from")),
         ("Greatest standard uncertainty (of runs: mean removed)", _known(fit.get("u_greatest_m"))),
     ]
-    meaning = "compensation" if fit.get("quantity") == "compensation" else "error"
+    what = "the_compensation" if fit.get("quantity") == "compensation" else "the_error"
     return {
         "rows": [(k, str(v)) for k, v in rows if v],
         "horner": fit.get("horner") or "",
-        "meaning": meaning,
+        "heading": capital(t["polynomial"].format(what=t[what])),
     }
 
 

@@ -202,5 +202,5 @@ def test_one_file_for_each_feedrate_is_one_set(tmp_path):
         runs(name, feed)
     (together,) = units(text, tmp_path).units
     assert len(together.files) == 2
-    runs("again.csv", 3010)  # a second set at the same feedrate
+    runs("again.csv", 3030)  # a second set, 1 % from the same feedrate
     assert len(units(text, tmp_path).units) == 3

@@ -167,13 +167,24 @@ def test_the_saved_recipe_gives_the_same_numbers_on_the_command_line(
 def test_words_of_the_server_are_shown_and_nothing_is_lost(opened: Opened, map_file: Path) -> None:
     page = opened(map_file)
     page.click('[data-step="0"] .pick')
-    settled(page, lambda: page.click("[data-form=polynomial]"))
-    page.fill('[data-step="0"] [data-field=degree]', "three")
+    settled(page, lambda: page.click("[data-form=zernike]"))
+    page.fill('[data-step="0"] [data-field=terms]', "three")
     page.press("Enter")
     page.wait("document.querySelector('.alert p') !== null")
     assert "three" in page.text(".alert p")
-    assert "degree=2" in page.text('[data-step="0"] .pick')
-    assert page.run("document.querySelector('[data-step=\"0\"] [data-field=degree]').value") == "2"
+    assert "terms=36" in page.text('[data-step="0"] .pick')
+    assert page.run("document.querySelector('[data-step=\"0\"] [data-field=terms]').value") == "36"
+
+
+def test_a_degree_is_chosen_and_one_that_was_typed_stays(opened: Opened, map_file: Path) -> None:
+    field = "document.querySelector('[data-step=\"0\"] [data-field=degree]')"
+    page = opened(map_file)
+    page.click('[data-step="0"] .pick')
+    settled(page, lambda: page.click("[data-form=polynomial]"))
+    assert page.run(f"[...{field}.options].map(o => o.value).join()") == "1,2,3,4,5,6,7,8,9,10"
+    page.run(f"{field}.value = '4'")
+    settled(page, lambda: page.run(f"{field}.dispatchEvent(new Event('change'))"))
+    assert "degree=4" in page.text('[data-step="0"] .pick')
 
 
 def test_asks_for_the_unit(opened: Opened, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 
 import numpy as np
 import pytest
@@ -223,3 +224,23 @@ def test_exit_zero_is_for_what_became_of_the_units(home, upper, bad):
 
 def test_exit_zero_hides_no_wrong_recipe(home, capsys):
     assert call(home, "--exit-zero", upper="50 kg") == 2
+
+
+def test_the_recipe_that_measure_prints_measures_a_folder_as_its_last_line_says(home, capsys):
+    def said(*words):
+        with pytest.raises(SystemExit) as end:
+            main([str(w) for w in words])
+        return end.value.code, capsys.readouterr()
+
+    words = ("in/a.x3p", "--params", "PV", "--upper", "PV=200 nm", "--U", "PV=1 nm")
+    code, printed = said("measure", *words, "--print-recipe")
+    assert code == 0
+    (home / "qa.toml").write_text(printed.out)
+    next_one = printed.err.splitlines()[-1].removeprefix("next: metrosep ")
+    typed = shlex.split(next_one.replace("RECIPE", "qa.toml").replace("FOLDER", "in"))
+    code, found = said(*typed, "--scheduler", "serial")
+    assert code == 0, found.err
+    assert len(list((home / "qa").rglob("result.json"))) == 2
+    code, found = said("batch", "qa.toml", "in", "-o", "again")
+    assert code == 4
+    assert "-s 'input.files=[\"*.x3p\"]'" in found.err

@@ -671,3 +671,18 @@ def test_the_command_that_is_named_next_judges_a_second_list(tmp_path, monkeypat
         main(shlex.split(last.removeprefix("next: metrosep ")))
     assert ended.value.code == 0
     assert "dry-run reverse" in capsys.readouterr().err
+
+
+def test_columns_of_a_list_that_are_missing_are_named_as_options_beside_those_of_the_file(
+    tmp_path, metrosep
+):
+    file = tmp_path / "shop.csv"
+    file.write_text("Soll [mm];Richtung;Lauf;Abweichung [um]\n0,0;+;1;0,1\n10,0;+;1;0,4\n")
+
+    code, _, err = metrosep(
+        "table", file, "--target", "Soll [mm]", "--axis", "X", "-o", tmp_path / "x.comp"
+    )
+
+    assert code == 2
+    assert "'--direction' and '--readings'" in err
+    assert "shop.csv has Soll [mm], Richtung, Lauf, Abweichung [um]" in err

@@ -120,7 +120,8 @@ def test_limits_are_judged_on_the_worst_table(runs):
         document = Recipe.parse(text).run(runs).document
         return next(c["value"] for c in document["characteristics"] if c["metric"] == "after_rms")
 
-    assert after(GOOD + coarse) == after(GOOD.replace('"0.5 mm"', '"2.5 mm"'))
+    alone = after(GOOD.replace('"0.5 mm"', '"2.5 mm"'))
+    assert after(GOOD + coarse) == pytest.approx(alone, abs=1e-15)  # the last digits of two files
     assert after(GOOD + coarse) > 1.1 * after(GOOD)
 
 

@@ -130,3 +130,12 @@ def test_the_example_makes_up_for_the_tool_as_it_stands(repository, tmp_path):
     )
     assert first.peak_to_valley > 30e-9
     assert second.peak_to_valley < 12e-9  # cusps of 6 nm
+
+
+def test_a_program_that_cannot_be_written_is_refused_before_it_is_to_be_written(tmp_path):
+    """The page runs a recipe without a folder: it must not accept what `metrosep run` refuses."""
+    refused = (STEP + OUTPUT).replace('path = "part.nc"', 'path = "part.nc"\ntolerance = "1 nm"')
+    with pytest.raises(LimitError, match="nothing was written") as found:
+        Recipe.parse(refused, folder=tmp_path).run(None)
+    assert str(found.value).startswith("part.nc")  # the folder in which it was tried is of no use
+    assert list(tmp_path.iterdir()) == []

@@ -8,6 +8,7 @@ import pytest
 
 from metrosep.core.errors import DataError, WriteError
 from metrosep.report import render_html, write_html
+from metrosep.report.certificate import _catalogue
 
 HOSTILE = "<script>alert('x')</script> & \"co\""
 VOID = {"meta", "img", "br", "link", "input", "hr"}
@@ -304,3 +305,47 @@ def test_the_file_holds_the_page(document, tmp_path):
 def test_a_folder_that_does_not_exist_is_refused(document, tmp_path):
     with pytest.raises(WriteError, match="does not exist"):
         write_html(document, tmp_path / "no" / "report.html")
+
+
+ENGLISH = (
+    "Decision rule", "Evaluation range", "Stroke (largest", "with the sign reversed", "Each run against", "To activate",
+    "is the standard uncertainty", "Strongest selected", "Error e = actual", "Every checked",
+)  # fmt: skip
+"""Fixed texts of the annex."""
+
+
+@textual
+@pytest.mark.parametrize(("language", "comma"), [("de", ","), ("zh", "."), ("ja", ".")])
+def test_the_annex_speaks_the_language_and_says_what_is_english(document, language, comma):
+    english = _text(document)
+    document["report"] = {"language": [language]}
+    text = _text(document)
+    annex = text[text.index(_catalogue(language)["program_texts"]) :]
+
+    for phrase in ENGLISH:
+        assert phrase in english, phrase
+        assert phrase not in annex, phrase
+    rows = re.search(rf"{_catalogue(language)['rest_note']}", annex)
+    table = annex[: rows.start()][-160:]
+    assert not re.search(r"\d[.]\d" if comma == "," else r"\d,\d", table), table
+
+
+def test_a_german_picture_has_commas_and_german_words():
+    from matplotlib.figure import Figure
+
+    from metrosep.plot.style import localise
+    from metrosep.report.html import _picture_words
+
+    axes = Figure().add_subplot()
+    axes.plot([0.0, 0.5], [-0.25, 0.25], label="before, 1.5 um")
+    axes.set(xlabel="position of X / mm", ylabel="error (actual − nominal) / nm")
+    axes.legend()
+    localise(axes.figure, words=_picture_words()["de"], decimal=",")
+    axes.figure.canvas.draw()
+
+    assert axes.get_xlabel() == "Position von X / mm"
+    assert axes.get_ylabel() == "Fehler (Ist − Soll) / nm"
+    assert axes.get_legend().get_texts()[0].get_text() == "vorher, 1,5 um"
+    ticks = [t.get_text() for t in axes.get_xticklabels()]
+    assert "0,2" in ticks
+    assert not any("." in t for t in ticks)

@@ -87,7 +87,11 @@ export function makeForms(forms, text, changed) {
 
   function fieldOf(/** @type {Dict} */ field) {
     const input = make(field.choices.length ? "select" : "input", { title: field.help, spellcheck: false, id: `form-${field.name}` });
-    if (field.choices.length) input.append(new Option("usual", ""), ...field.choices.map((/** @type {string} */ one) => new Option(one, one)));
+    if (field.choices.length) {
+      const given = values[field.name] ?? "";
+      const all = given && !field.choices.includes(given) ? [...field.choices, given] : field.choices; // typed into the recipe
+      input.append(...(field.required ? [] : [new Option("usual", "")]), ...all.map((/** @type {string} */ one) => new Option(one, one)));
+    }
     else input.placeholder = field.hint;
     input.value = values[field.name] ?? "";
     input.dataset.field = field.name;

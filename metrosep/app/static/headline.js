@@ -50,7 +50,7 @@ export function makeHeadline({ session, stage, notes }) {
   function drawMessages() {
     const all = [...(session().messages ?? []), ...notes()];
     el("messages").hidden = all.length === 0;
-    el("messages").textContent = all.length === 1 ? all[0].slice(0, 110) : `${all.length} messages`;
+    el("messages").textContent = all.length === 1 ? all[0] : `${all.length} messages`;
     el("messages").title = all.join("\n");
   }
 

@@ -9,6 +9,9 @@ import Lines from "./vendor/uPlot.esm.js";
 /** @type {any} */
 const uPlot = Lines;
 
+/** Least value that a logarithmic axis begins at, of the largest: what lies below is rounding. */
+const LEAST = 1e-7;
+
 /** @typedef {import("./handles.js").Grip} Grip */
 
 /** @type {HTMLElement[]} elements that have the colours, in a notebook where the page has none */
@@ -222,7 +225,7 @@ export function makePlot(el, options) {
       points: { show: false }, bind: { dblclick: () => () => (options.whole?.(), null) },
     },
     scales: log
-      ? { x: { time: false, distr: 3, range: decades }, y: { distr: 3, range: (/** @type {any} */ _u, /** @type {number} */ a, /** @type {number} */ b) => decades(_u, a / 1.5, b * 1.5) } }
+      ? { x: { time: false, distr: 3, range: decades }, y: { distr: 3, range: (/** @type {any} */ _u, /** @type {number} */ a, /** @type {number} */ b) => decades(_u, Math.max(a / 1.5, b * LEAST), b * 1.5) } }
       : { x: { time: false, range: (/** @type {any} */ _u, /** @type {number} */ a, /** @type {number} */ b) => (a === b ? [a - 1, b + 1] : [a, b]) } },
     axes: log
       ? [axis({ values: logarithmic(xUnit), size: 34, ...decimal(150, 56) }), axis({ values: logarithmic(yUnit), size: 62, ...decimal(60, 16) })]

@@ -186,12 +186,7 @@ def fit_causes(found: CutBudget, error: ArrayLike, x: ArrayLike, y: ArrayLike) -
         for k, i in enumerate(seen.tolist()):
             amounts[causes[i].name] = float(solved[k] / rms[i])
             u[causes[i].name] = float(sizes[k] / rms[i])
-        pairs = [
-            f"{causes[seen[i]].name} and {causes[seen[j]].name} ({correlation[i, j]:.3f})"
-            for i in range(seen.size)
-            for j in range(i)
-            if abs(correlation[i, j]) > _ALIKE
-        ]
+        pairs = _alike([causes[i].name for i in seen], correlation)
         if pairs:
             said.append(f"hard to distinguish on this part: {', '.join(pairs)}")
     explained = 1.0 - float(rest @ rest) / float(bare @ bare) if bare.any() else math.nan
@@ -208,6 +203,16 @@ def fit_causes(found: CutBudget, error: ArrayLike, x: ArrayLike, y: ArrayLike) -
             "Look at what is left, and at centre and orientation of the map"
         )
     return replace(fit, messages=tuple(said))
+
+
+def _alike(names: Sequence[str], correlation: FloatArray) -> list[str]:
+    """Return the pairs of names that a part can hardly distinguish, with their correlation."""
+    return [
+        f"{a} and {b} ({correlation[i, j]:.3f})"
+        for i, a in enumerate(names)
+        for j, b in enumerate(names[:i])
+        if abs(correlation[i, j]) > _ALIKE
+    ]
 
 
 # ---- a measured part tells which errors of tool and setting explain it --------------------------
@@ -369,12 +374,7 @@ def identify_edge(
     known: Any = {n: solved.get(n, 0.0) for n in FACTORS}
     setting = ToolSetting(**known, **{f"u_{n}": u.get(n, 0.0) for n in FACTORS})
     said = [*notes]
-    pairs = [
-        f"{a} and {b} ({correlation[i, j]:.3f})"
-        for i, a in enumerate(names)
-        for j, b in enumerate(names[:i])
-        if abs(correlation[i, j]) > _ALIKE
-    ]
+    pairs = _alike(names, correlation)
     if pairs:
         said.append(f"can hardly be distinguished on this part: {', '.join(pairs)}")
     return EdgeFit(

@@ -251,7 +251,7 @@ def _histogram(obj: Measured) -> list[dict[str, Any]]:
     below, above = int((heights < low).sum()), int((heights > high).sum())
     words = f"{known.size} heights about their mean in {counts.size} classes of {format_length(width)}."
     if below or above:
-        words += f" {below} heights below, {above} above the picture."
+        words += f" {below} height{'' if below == 1 else 's'} below, {above} above the picture."
     words += " Material ratio: share of heights above."
     ordered = np.sort(heights)
     share = 1.0 - np.searchsorted(ordered, edges, side="left") / ordered.size
