@@ -121,7 +121,7 @@ def test_both_equations_agree_to_1e_8_in_dry_air_of_a_metrology_room():
 
 
 def test_both_equations_agree_within_what_they_claim_in_room_air():
-    # Boensch and Potulski found 2 % less water in n than Birch and Downs, whom Ciddor meets: both
+    # Boensch and Potulski found water to take 2 % more from n than Birch and Downs, whom Ciddor meets: both
     # together claim sqrt(2^2 + 1^2) 1e-8
     t, p, h = np.meshgrid(
         np.linspace(19, 21, 5), np.linspace(95e3, 104e3, 4), np.linspace(0.3, 0.6, 4)
@@ -147,7 +147,7 @@ def test_the_edlen_that_agrees_with_ciddor_to_1e_8_in_room_air_is_that_of_1994()
     vapour = h * saturation_pressure(t + 273.15)
     apart = index(t, p, vapour_pressure=vapour) - birch_and_downs(633.0, t, p, vapour)
     assert np.abs(apart).max() < 0.9e-8
-    # that of 1998 has 2 % less water: (3.8020 - 3.7345 + 0.0017 s2) 1e-10 for each Pa
+    # in that of 1998 water takes 2 % more: (3.8020 - 3.7345 + 0.0017 s2) 1e-10 for each Pa
     of_1998 = index(t, p, vapour_pressure=vapour, equation="edlen")
     assert np.abs(index(t, p, vapour_pressure=vapour) - of_1998).max() > 2e-8
 
