@@ -38,7 +38,7 @@ from metrosep.core.units import format_length
 from metrosep.plot.left_out import lag_words, run_rows
 from metrosep.recipe.recipe import Recipe
 from metrosep.separation.runs.base import ErrorEstimate, SampledCurve
-from metrosep.separation.runs.design import evaluation_range
+from metrosep.separation.runs.design import evaluation_range, travel_of
 from metrosep.separation.runs.spectra import feed_spectra_columns, n_wavelengths
 
 __all__ = ["curves", "waves"]
@@ -496,11 +496,12 @@ def mean_runs(runs: RunSet, estimate: ErrorEstimate) -> tuple[MeanRun, ...]:
     found = []
     for direction in sorted(runs.directions, reverse=True):
         some = runs.select(direction=direction)
-        low, high = some.common_travel
+        low, high = travel_of(some)
         for feed, members in some.by_feed() or [(math.nan, some.runs)]:
             x = np.linspace(low, high, max(len(r) for r in members))
-            before = np.mean([_levelled_on(r, x, over) for r in members], axis=0)
-            after = before - estimate.evaluate(x, direction=direction)
+            error = estimate.evaluate(x, direction=direction)
+            before = np.mean([_levelled_on(r, x, error, over) for r in members], axis=0)
+            after = before - error
             for array in (x, before, after):
                 array.setflags(write=False)
             known = None if math.isnan(feed) else feed
@@ -508,14 +509,25 @@ def mean_runs(runs: RunSet, estimate: ErrorEstimate) -> tuple[MeanRun, ...]:
     return tuple(found)
 
 
-def _levelled_on(run: Run, x: FloatArray, over: tuple[float, float]) -> FloatArray:
-    """Return a run at positions, without its line over a range; gaps and holes are NaN."""
+_ROUNDING = 1e-9
+"""In m: the ends of equal travels differ by less."""
+
+
+def _levelled_on(
+    run: Run, x: FloatArray, error: FloatArray, over: tuple[float, float]
+) -> FloatArray:
+    """Return a run at positions, without its line over a range; gaps and holes are NaN.
+
+    The line is that of the run less the error: of a run with holes it has no part of the error.
+    """
     turned = 1 if run.direction > 0 else -1
     xs, zs = run.x[::turned], run.z[::turned]
     values = np.interp(x, xs, zs)
+    values[(x < xs[0] - _ROUNDING) | (x > xs[-1] + _ROUNDING)] = np.nan
     for i in find_holes(xs):
         values[(x > xs[i]) & (x < xs[i + 1])] = np.nan
-    line = _line(x, values, over) or _line(x, values, (-math.inf, math.inf))
+    rest = values - error
+    line = _line(x, rest, over) or _line(x, rest, (-math.inf, math.inf))
     return np.asarray(values if line is None else values - np.polyval(line, x))
 
 
@@ -561,7 +573,7 @@ def feed_waves(
     some = runs.select(direction=direction)
     data: Mapping[str, Sequence[Any]]
     if estimate is None:
-        low, high = some.common_travel
+        low, high = travel_of(some)
         if sum(len(r) for r in some) * n_wavelengths(some, high - low) > _QUICK:
             part = "they come with the separation: the runs have many samples"
             return FeedWaves((), np.zeros(0), np.zeros((0, 0)), part)
@@ -570,7 +582,7 @@ def feed_waves(
         data = _of_direction(estimate.feed_spectra_data, direction)
     feed = np.asarray(data["feed_mm_min"], dtype=np.float64)
     n = int((feed == feed[0]).sum()) if feed.size and not np.isnan(feed[0]) else feed.size
-    low, high = some.common_travel
+    low, high = travel_of(some)
     part = (
         f"{format_length(low)} ... {format_length(high)}, the travel that all runs share, tapered"
     )

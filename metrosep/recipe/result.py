@@ -23,7 +23,12 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.atomic import atomic_write, read_plain
-from metrosep.core.errors import CorruptFileError, DataError, FileMissingError, ReadError
+from metrosep.core.errors import (
+    CorruptFileError,
+    DataError,
+    FileMissingError,
+    ReadError,
+)
 from metrosep.core.provenance import Step
 from metrosep.core.public import PublicObject, shortened
 from metrosep.core.runset import Run, RunSet
@@ -258,13 +263,19 @@ def plot_data(runs: RunSet, estimate: ErrorEstimate) -> dict[str, Any]:
 
 
 def _feeds(runs: RunSet, estimate: ErrorEstimate, direction: int) -> list[dict[str, Any]]:
-    low, high = runs.common_travel
+    from metrosep.separation.runs.design import travel_of
+
+    low, high = travel_of(runs)
     entries = []
     for feed, members in runs.by_feed() or [(math.nan, runs.runs)]:
         n = max(len(r) for r in members)
         x = np.linspace(low, high, n)
-        before = np.mean([_leveled(r.x, r.z, x, estimate) for r in members], axis=0)
-        after = before - estimate.evaluate(x, direction=direction)
+        error = estimate.evaluate(x, direction=direction)
+        rows = np.array([_leveled(r.x, r.z, x, error, estimate) for r in members])
+        known = ~np.isnan(rows).all(axis=0)
+        before = np.full(n, np.nan)
+        before[known] = np.nanmean(rows[:, known], axis=0)
+        after = before - error
         xs, pair = _thinned(x, np.stack([before, after]))
         entries.append(
             {
@@ -279,18 +290,26 @@ def _feeds(runs: RunSet, estimate: ErrorEstimate, direction: int) -> list[dict[s
     return entries
 
 
+_ROUNDING = 1e-9
+"""In m: the ends of equal travels differ by less."""
+
+
 def _leveled(
-    x: FloatArray, z: FloatArray, grid: FloatArray, estimate: ErrorEstimate
+    x: FloatArray, z: FloatArray, grid: FloatArray, error: FloatArray, estimate: ErrorEstimate
 ) -> FloatArray:
-    """Return a run on the grid without its line over the evaluation range; gaps stay NaN."""
-    valid = ~np.isnan(z)
+    """Return a run on the grid without its line over the evaluation range; gaps stay NaN.
+
+    The line is that of the run less the estimate: of a run with holes it has no part of the error.
+    """
     order = np.argsort(x)
-    values = np.interp(grid, x[order], np.where(valid, z, np.nan)[order])
-    inner = (grid >= estimate.start) & (grid <= estimate.stop) & ~np.isnan(values)
+    values = np.interp(grid, x[order], z[order])
+    values[(grid < x.min() - _ROUNDING) | (grid > x.max() + _ROUNDING)] = np.nan
+    rest = values - error
+    inner = (grid >= estimate.start) & (grid <= estimate.stop) & ~np.isnan(rest)
     if inner.sum() < 2:
-        inner = ~np.isnan(values)
+        return np.full_like(values, np.nan)
     mid = 0.5 * (estimate.start + estimate.stop)
-    slope, level = np.polyfit(grid[inner] - mid, values[inner], 1)
+    slope, level = np.polyfit(grid[inner] - mid, rest[inner], 1)
     return np.asarray(values - level - slope * (grid - mid))
 
 

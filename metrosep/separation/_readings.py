@@ -162,6 +162,16 @@ def own_shares(
     own: FloatArray, valid: NDArray[np.bool_], counts: FloatArray, basis: FloatArray
 ) -> FloatArray:
     """Return basis(x) c_r by least squares, the curve f eliminated; their mean is not determined."""
+    return joint_coefficients(own, valid, counts, basis)[0] @ basis.T
+
+
+def joint_coefficients(
+    own: FloatArray, valid: NDArray[np.bool_], counts: FloatArray, basis: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return c_r of z_r(x) = f(x) + basis(x) c_r, shape (n_repeats, p), and the normal matrix.
+
+    The curve f is eliminated; what it can exchange with all c_r is none of theirs (least norm).
+    """
     n_repeats, p = own.shape[0], basis.shape[1]
     weight = valid / np.maximum(counts, 1.0)
     normal = np.zeros((n_repeats, p, n_repeats, p))
@@ -172,8 +182,19 @@ def own_shares(
     apart = valid * (own - own.sum(axis=0) / np.maximum(counts, 1.0))
     size = n_repeats * p
     right = (apart @ basis).ravel()
-    found = np.linalg.lstsq(normal.reshape(size, size), right, rcond=1e-12)[0]
-    return np.asarray(found.reshape(n_repeats, p) @ basis.T)
+    square = normal.reshape(size, size)
+    found = np.linalg.lstsq(square, right, rcond=1e-12)[0]
+    return found.reshape(n_repeats, p), square
+
+
+def not_tied(valid: NDArray[np.bool_], n_columns: int) -> list[int]:
+    """Return the repeats that no chain of more than `n_columns` common positions ties to the first."""
+    numbers = valid.astype(np.float64)
+    tied = numbers @ numbers.T > n_columns
+    reached = tied[0]
+    for _ in range(len(valid)):
+        reached = tied[reached].any(axis=0)
+    return np.flatnonzero(~reached).tolist()
 
 
 def _noise_of_repeats(

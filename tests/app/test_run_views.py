@@ -155,7 +155,7 @@ def test_the_range_is_that_of_its_method_where_not_all_runs_reach():
     runs = RunSet([long, short])
 
     assert shown_range(runs, START, 40 * MM, method="joint")[1] == ""
-    assert "not covered by every run" in shown_range(runs, START, 40 * MM, method="mean")[1]
+    assert "not covered by every run" in shown_range(runs, START, 40 * MM, method="kono")[1]
 
 
 # ---- the separated error ---------------------------------------------------------------------

@@ -121,7 +121,7 @@ def test_both_equations_agree_to_1e_8_in_dry_air_of_a_metrology_room():
 
 
 def test_both_equations_agree_within_what_they_claim_in_room_air():
-    # Boensch and Potulski found 2 % less water in n than Birch and Downs, whom Ciddor meets: both
+    # Boensch and Potulski found water to take 2 % more from n than Birch and Downs, whom Ciddor meets: both
     # together claim sqrt(2^2 + 1^2) 1e-8
     t, p, h = np.meshgrid(
         np.linspace(19, 21, 5), np.linspace(95e3, 104e3, 4), np.linspace(0.3, 0.6, 4)
@@ -129,6 +129,27 @@ def test_both_equations_agree_within_what_they_claim_in_room_air():
     apart = difference(t, p, humidity=h)
     assert apart.min() > 0.8e-8  # they are not the same equation
     assert apart.max() < math.hypot(2e-8, 1e-8)
+
+
+def birch_and_downs(nm, t, p, vapour):
+    """Edlen's equation as revised by Birch and Downs (Metrologia 31, 1994, 315), t in degC, p in Pa."""
+    s2 = (1e3 / nm) ** 2
+    standard = 1e-8 * (8342.54 + 2406147.0 / (130.0 - s2) + 15998.0 / (38.9 - s2))
+    dense = 1.0 + 1e-8 * (0.601 - 0.00972 * t) * p
+    dry = p * standard / 96095.43 * dense / (1.0 + 0.0036610 * t)
+    return 1.0 + dry - vapour * (3.7345 - 0.0401 * s2) * 1e-10
+
+
+def test_the_edlen_that_agrees_with_ciddor_to_1e_8_in_room_air_is_that_of_1994():
+    t, p, h = np.meshgrid(
+        np.linspace(19, 24, 3), np.linspace(90e3, 105e3, 3), np.linspace(0.0, 0.6, 4)
+    )
+    vapour = h * saturation_pressure(t + 273.15)
+    apart = index(t, p, vapour_pressure=vapour) - birch_and_downs(633.0, t, p, vapour)
+    assert np.abs(apart).max() < 0.9e-8
+    # in that of 1998 water takes 2 % more: (3.8020 - 3.7345 + 0.0017 s2) 1e-10 for each Pa
+    of_1998 = index(t, p, vapour_pressure=vapour, equation="edlen")
+    assert np.abs(index(t, p, vapour_pressure=vapour) - of_1998).max() > 2e-8
 
 
 def test_edlen_is_worked_out_by_hand():

@@ -24,7 +24,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.separation._methods import History, Parts, RecordedMethod, as_stated, type_a
-from metrosep.separation._readings import as_numbers, own_shares
+from metrosep.separation._readings import as_numbers, not_tied, own_shares
 from metrosep.separation.contract import (
     U_READING,
     NamedMethod,
@@ -363,13 +363,9 @@ def _lines_removed(flat: FloatArray, basis: FloatArray) -> FloatArray:
 
 def _require_common(valid: NDArray[np.bool_], n_columns: int) -> None:
     """Refuse repeats that no chain of common positions ties together."""
-    numbers = valid.astype(np.float64)
-    tied = numbers @ numbers.T > n_columns
-    reached = tied[0]
-    for _ in range(len(valid)):
-        reached = tied[reached].any(axis=0)
-    if not reached.all():
-        apart = ", ".join(str(k + 1) for k in np.flatnonzero(~reached)[:8])
+    loose = not_tied(valid, n_columns)
+    if loose:
+        apart = ", ".join(str(k + 1) for k in loose[:8])
         raise TooFewSamplesError(
             f"repeatable: the masks do not meet: repeats {apart} share too few positions with the "
             'first to tell their line from the part; leave them out, or use align="none"'

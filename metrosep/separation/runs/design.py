@@ -8,11 +8,13 @@ the fitted clock (`clock`); a lost sample is a row without a reading.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
@@ -23,10 +25,23 @@ from metrosep.core.errors import (
 )
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
+from metrosep.separation._readings import joint_coefficients, not_tied
 from metrosep.separation.runs.clock import fit_clock
 
-__all__ = ["PreparedRun", "evaluation_range", "prepare_runs", "probe_names", "thin_parts"]
+__all__ = [
+    "PreparedRun",
+    "evaluation_range",
+    "lines_of_runs",
+    "on_common_grid",
+    "prepare_runs",
+    "probe_names",
+    "thin_parts",
+    "travel_of",
+]
 
+
+_MAX_POINTS = 100_000
+"""Positions of the grid on which runs are compared one by one."""
 
 _MAX_ROWS = 12_000
 """More samples than this, all runs together, are averaged in blocks."""
@@ -112,14 +127,16 @@ def evaluation_range(
 ) -> tuple[float, float]:
     """Return start and stop of the evaluation range.
 
-    Every run covers it; for the joint method, where it is stated, some run does at each place.
+    Every run covers it; for the joint method and the mean, where it is stated, some run does at each
+    place. The mean does not even need a part that all of them cover.
     """
-    every = method != "joint" or start is None or length is None
+    every = method not in ("joint", "mean") or start is None or length is None
     for name, value in (("start", start), ("length", length)):
         if value is not None and not np.isfinite(value):
             raise InvalidSamplesError(f"{name} must be a finite number in m, got {value}")
-    low, high = runs.common_travel
     widest_low, widest_high = runs.full_travel
+    whole = method == "mean" and not every
+    low, high = runs.full_travel if whole else runs.common_travel
     travel = high - low
     if length is None and start is None:
         uneven = max(low - widest_low, widest_high - high)
@@ -155,6 +172,66 @@ def evaluation_range(
             f"range {format_length(first)} ... {format_length(last)}; shorten it or measure there"
         )
     return max(first, low), min(last, high)
+
+
+def on_common_grid(runs: RunSet, low: float, high: float) -> tuple[FloatArray, FloatArray, float]:
+    """Return a grid in the pitch of the coarsest run, the runs on it, NaN in gaps, and that pitch."""
+    pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in runs)
+    n_grid = int(np.clip(math.ceil((high - low) / pitch), 3, _MAX_POINTS)) + 1
+    grid = np.linspace(low, high, n_grid)
+    return grid, np.array([_on_grid(r.x, r.z, grid, pitch) for r in runs]), pitch
+
+
+def _on_grid(x: FloatArray, z: FloatArray, grid: FloatArray, pitch: float) -> FloatArray:
+    """Interpolate valid samples; a gap of more than two pitches stays a gap."""
+    valid = ~np.isnan(z)
+    order = np.argsort(x[valid])
+    xs, zs = x[valid][order], z[valid][order]
+    values = np.interp(grid, xs, zs, left=np.nan, right=np.nan)
+    right = np.clip(np.searchsorted(xs, grid), 1, xs.size - 1)
+    gap = xs[right] - xs[right - 1] > 2.0 * pitch
+    inside_gap = gap & (grid > xs[right - 1]) & (grid < xs[right])
+    return np.where(inside_gap, np.nan, values)
+
+
+def travel_of(runs: RunSet) -> tuple[float, float]:
+    """Return the travel that all runs share; where it was measured part by part, all of it."""
+    try:
+        return runs.common_travel
+    except InvalidSamplesError:
+        return runs.full_travel
+
+
+def lines_of_runs(
+    runs: RunSet, table: FloatArray, line: FloatArray, inner: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray | None]:
+    """Return offset and slope of each run by `line`, and the normal matrix of lines fitted together.
+
+    Where each run was measured everywhere its line is its own, and there is no such matrix. With
+    holes in other places such a line would follow the error of the part that was measured, so all
+    are fitted with the mean: ``z_r(x) = f(x) + line(x) c_r``. Then the mean of the c_r is not
+    determined (least norm) and left in f.
+    """
+    valid = inner & ~np.isnan(table)
+    for run, seen in zip(runs, valid, strict=True):
+        if seen.sum() < 2:
+            raise DataError(
+                f"run {run.run_id!r} has fewer than 2 valid samples in the evaluation range"
+            )
+    seen = valid.any(axis=0)
+    if (valid == seen).all():
+        alone = np.asarray(np.linalg.lstsq(line[seen], table[:, seen].T, rcond=None)[0].T)
+        return alone, None
+    loose = not_tied(valid, line.shape[1])
+    if loose:
+        names = ", ".join(repr(runs[i].run_id) for i in loose[:8])
+        raise DataError(
+            f"run {names} and run {runs[0].run_id!r} were measured in separate parts: no chain of runs "
+            "with positions in common tells their offsets apart; add a run that reaches over both "
+            "parts, or leave one part out"
+        )
+    own = np.where(valid, table, 0.0)
+    return joint_coefficients(own, valid, valid.sum(axis=0).astype(np.float64), line)
 
 
 def thin_parts(runs: RunSet, first: float, last: float) -> list[tuple[float, float, int, int]]:

@@ -31,7 +31,7 @@ from metrosep.separation.runs.displaced import DISPLACED
 from metrosep.separation.runs.forensics import Named, RunChecks, check_runs
 from metrosep.separation.runs.fourier import separate_kono
 from metrosep.separation.runs.joint import DRIFT_SAID, GAIN_SAID, separate_joint
-from metrosep.separation.runs.mean import separate_mean
+from metrosep.separation.runs.mean import level_in_the_middle, separate_mean
 from metrosep.separation.runs.options import RUN_OPTIONS, in_si, metres
 
 __all__ = ["separate"]
@@ -533,8 +533,9 @@ def _lost_motion(
         within = (run.x >= start) & (run.x <= stop)
         x, part = run.x[within], parts[run.direction]
         rest = run.z[within] - part.evaluate(x) - part.slope.value * (x - 0.5 * (start + stop))
-        if np.isfinite(rest).any():
-            offsets[run.direction].append(float(np.nanmean(rest)))
+        level = level_in_the_middle(x, rest, (start, stop))
+        if math.isfinite(level):
+            offsets[run.direction].append(level)
     forward, reverse = np.array(offsets[1]), np.array(offsets[-1])
     value, u = _mean_difference(forward, reverse)
     return Quantity(

@@ -25,13 +25,16 @@ from metrosep.separation.runs.base import (
     ErrorEstimate,
     SampledCurve,
 )
-from metrosep.separation.runs.design import evaluation_range
+from metrosep.separation.runs.design import (
+    evaluation_range,
+    lines_of_runs,
+    on_common_grid,
+    travel_of,
+)
 from metrosep.separation.runs.run_comparison import RunTable, spikes
 from metrosep.separation.runs.spectra import feed_spectra_columns
 
 __all__ = ["separate_mean"]
-
-_MAX_POINTS = 100_000
 
 
 def separate_mean(
@@ -51,33 +54,42 @@ def separate_mean(
     sentences: list[str] = []
     if flag(robust, "robust"):
         used, left_out, sentences = _without_spikes(used)
-    first, last = evaluation_range(used, start=start, length=length)
-    low, high = used.common_travel
-    pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in used)
-    n_grid = int(np.clip(math.ceil((high - low) / pitch), 3, _MAX_POINTS)) + 1
-    grid = np.linspace(low, high, n_grid)
+    first, last = evaluation_range(used, start=start, length=length, method="mean")
+    low, high = travel_of(used)
+    low, high = min(low, first), max(high, last)
+    grid, table, pitch = on_common_grid(used, low, high)
     inner = (grid >= first - pitch) & (grid <= last + pitch)
-    table = np.array([_on_grid(r.x, r.z, grid, pitch) for r in used])
-    line = np.column_stack([np.ones(n_grid), (grid - low) / (high - low)])
-    flat, slopes = _remove_lines(table, line, inner)
+    line = np.column_stack([np.ones(grid.size), (grid - low) / (high - low)])
+    shares, joined = lines_of_runs(used, table, line, inner)
+    flat = table - shares @ line.T
     n_valid = (~np.isnan(flat)).sum(axis=0)
     if not (n_valid[inner] > 0).any():
         raise DataError("no position in the evaluation range was measured in any run")
-    mean = np.full(n_grid, np.nan)
+    mean = np.full(grid.size, np.nan)
     some = n_valid > 0
     mean[some] = np.nansum(flat[:, some], axis=0) / n_valid[some]
-    sd = np.full(n_grid, np.nan)
+    sd = np.full(grid.size, np.nan)
     many = n_valid > 1
     # sd^2 = sum_r d_r^2 / (n (n - 1)): the deviations themselves are the modes of the covariance.
     apart = np.nan_to_num(flat - mean) / np.sqrt(np.maximum(n_valid * (n_valid - 1.0), 1.0))
-    sd[many] = np.sqrt((apart[:, many] ** 2).sum(axis=0))
-    modes = CovarianceModes.of(grid, (apart * many).T) if many.any() else None
+    parts = (apart * many).T
+    if joined is not None:
+        parts = np.hstack([parts, _of_the_joints(flat - mean, line, inner, joined)])
+    sd[many] = np.sqrt((parts[many] ** 2).sum(axis=1))
+    modes = CovarianceModes.of(grid, parts) if many.any() else None
     residual_rms = float(np.sqrt(np.nanmean((flat - mean) ** 2)))
     mean, rest = _level(grid, mean, first, last)
     scale = high - low
     n = len(used)
+    slopes = shares[:, 1]
     slope = float(slopes.mean() / scale) + rest
     audit = _audit(used, pitch)
+    if joined is not None:
+        audit["line_removed"] = (
+            "least squares over the evaluation range, of all runs and the mean together"
+        )
+        alone = float((n_valid[inner] == 1).mean())
+        sentences.append(_JOINED + (_ALONE.format(100.0 * alone) if alone else ""))
     if robust:  # lost motion is taken from these, not from readings that were left out
         audit["run_levels_nm"] = _levels(used, SampledCurve(grid, mean), slope, (first, last))
     return ErrorEstimate(
@@ -117,31 +129,40 @@ _SPECTRUM = (
 )
 
 
-def _on_grid(x: FloatArray, z: FloatArray, grid: FloatArray, pitch: float) -> FloatArray:
-    """Interpolate valid samples; a gap of more than two pitches stays a gap."""
-    valid = ~np.isnan(z)
-    order = np.argsort(x[valid])
-    xs, zs = x[valid][order], z[valid][order]
-    values = np.interp(grid, xs, zs, left=np.nan, right=np.nan)
-    right = np.clip(np.searchsorted(xs, grid), 1, xs.size - 1)
-    gap = xs[right] - xs[right - 1] > 2.0 * pitch
-    inside_gap = gap & (grid > xs[right - 1]) & (grid < xs[right])
-    return np.where(inside_gap, np.nan, values)
+_JOINED = (
+    "the runs have holes in different places: their offsets and slopes are fitted together over the "
+    "positions they share, and what these leave open is in the uncertainty"
+)
+_ALONE = "; over {:.2g} % of the evaluation range one run alone was measured: no uncertainty is known there"
 
 
-def _remove_lines(
-    table: FloatArray, line: FloatArray, inner: NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray]:
-    flat = np.empty_like(table)
-    slopes = np.empty(table.shape[0])
-    for i, row in enumerate(table):
-        valid = inner & ~np.isnan(row)
-        if valid.sum() < 2:
-            raise DataError(f"run {i} has fewer than 2 valid samples in the evaluation range")
-        coefficients = np.linalg.lstsq(line[valid], row[valid], rcond=None)[0]
-        flat[i] = row - line @ coefficients
-        slopes[i] = coefficients[1]
-    return flat, slopes
+def _of_the_joints(
+    apart: FloatArray, line: FloatArray, inner: NDArray[np.bool_], normal: FloatArray
+) -> FloatArray:
+    """Return modes of the mean, shape (n_grid, 2 R), of what is open in lines that were fitted together.
+
+    cov c = s^2 tau N^+; tau is the sum of the autocorrelations of the deviations up to the first
+    that is not positive: so many neighbours count as one reading.
+    """
+    valid = ~np.isnan(apart)
+    counts = valid.sum(axis=0)
+    shared = valid & inner & (counts > 1)
+    d = np.where(shared, apart, 0.0)
+    free = (counts[shared.any(axis=0)] - 1.0).sum() - line.shape[1] * (len(apart) - 1.0)
+    s2 = float((d**2).sum()) / max(float(free), 1.0)
+    size = 2 * apart.shape[1]
+    power, pairs = ((np.abs(np.fft.rfft(a, size)) ** 2).sum(axis=0) for a in (d, 1.0 * shared))
+    products, numbers = (np.fft.irfft(p, size)[: size // 2] for p in (power, pairs))
+    rho = products / np.maximum(numbers, 1.0) * (float(shared.sum()) / (float(products[0]) or 1.0))
+    end = int(np.argmax(rho <= 0.0)) if (rho <= 0.0).any() else rho.size
+    tau = 1.0 + 2.0 * float(rho[1:end].sum())
+    values, vectors = np.linalg.eigh(normal)
+    good = values > 1e-12 * values[-1]
+    root = vectors[:, good] * np.sqrt(s2 * tau / values[good])
+    share = valid / np.maximum(counts, 1)  # d mean / d c_r = -line(x) valid_r(x) / n(x)
+    columns = (share.T[:, :, None] * line[:, None, :]).reshape(line.shape[0], -1) @ root
+    used = inner & (counts > 0)
+    return np.asarray(columns - line @ np.linalg.lstsq(line[used], columns[used], rcond=None)[0])
 
 
 def _level(
@@ -164,8 +185,20 @@ def _levels(
         inner = (run.x >= span[0]) & (run.x <= span[1])
         x = run.x[inner]
         rest = run.z[inner] - mean(x) - slope * (x - 0.5 * (span[0] + span[1]))
-        out.append(1e9 * float(np.nanmean(rest)))
+        out.append(1e9 * level_in_the_middle(x, rest, span))
     return out
+
+
+def level_in_the_middle(x: FloatArray, rest: FloatArray, span: tuple[float, float]) -> float:
+    """Return the value in the middle of a range of the line through what was measured, NaN of nothing.
+
+    The mean would be that only where the run has no holes, or no slope of its own.
+    """
+    valid = np.isfinite(rest)
+    if valid.sum() < 3:
+        return float(np.mean(rest[valid])) if valid.any() else math.nan
+    middle, half = 0.5 * (span[0] + span[1]), 0.5 * (span[1] - span[0])
+    return float(np.polynomial.polynomial.polyfit((x[valid] - middle) / half, rest[valid], 1)[0])
 
 
 def _audit(runs: RunSet, pitch: float) -> dict[str, Any]:

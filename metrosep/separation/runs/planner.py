@@ -29,6 +29,7 @@ from metrosep.separation._readings import (
     reduced,
 )
 from metrosep.separation.runs.planner_search import (
+    Comparison,
     Limits,
     best_feeds,
     compared,
@@ -128,7 +129,8 @@ def plan_feedrates(
     refinement. Deterministic. The last message says what becomes worse than with as many feeds in
     geometric progression, which spread any vibration over as many wavelengths as there are feeds. ``audit["efficiency"]`` is the smallest information over the bound of the
     relaxed problem, which no plan can exceed. Slow runs last longer and know more per run, so
-    without `max_time` the plan leans to `v_min`. Null space: the offset and slope of a run, waves
+    without `max_time` the plan leans to `v_min`, but no feeds within the ratio that tells a vibration of
+    half the travel apart hold more than half of the time and one run. Null space: the offset and slope of a run, waves
     longer than the travel, and disturbances that are the same function of position in all runs.
 
     References
@@ -158,12 +160,28 @@ def plan_feedrates(
     reference = geometric_feeds(n, limits)
     listed = np.empty(0) if audit["wavelengths_chosen_by"] != "user" else waves
     weight = _LISTED
-    feeds, efficiency = _search(density, every, listed, weight, usable, n, limits, done)
-    judged = compared(density, feeds, reference, done, every, usable)
+
+    def searched(within: Limits) -> tuple[FloatArray, float, Comparison]:
+        found, share = _search(density, every, listed, weight, usable, n, within, done)
+        return found, share, compared(density, found, reference, done, every, usable)
+
+    feeds, efficiency, judged = searched(limits)
     if listed.size and judged.worst > _WORSE * judged.reference_worst:
         weight = _WORSE**2  # with equal ratios allowed, no wave can be so much worse then
-        feeds, efficiency = _search(density, every, listed, weight, usable, n, limits, done)
-        judged = compared(density, feeds, reference, done, every, usable)
+        feeds, efficiency, judged = searched(limits)
+    window = _window(float(waves.max()), usable, limits, done)
+    price = ""
+    if not replace(limits, window=window).spread(feeds, done):
+        price = _CROWDED.format(limits.ratio)
+        for share in (1.0, 0.5, 0.25):  # the time may leave the fast end only
+            spread = replace(limits, window=max(window**share, limits.ratio))
+            try:
+                found = searched(spread)
+            except DataError:
+                continue
+            price = _price(spread.window, judged, found[2], all_of_it=share == 1.0)
+            feeds, efficiency, judged = found
+            break
     if judged.worst > _WORSE * judged.reference_worst:
         raise NotSeparableError(
             f"the best plan within the limits has an sd of {judged.text()}, more than "
@@ -181,9 +199,40 @@ def plan_feedrates(
         "efficiency": efficiency,
         **judged.audit(),
     }
-    messages = (*plan.messages, *judged.messages())
+    messages = (*plan.messages, *filter(None, [price]), *judged.messages())
     return FeedPlan(
         plan.feeds, waves, plan.information, plan.columns, density, done, audit, messages
+    )
+
+
+_CROWDED = (
+    "more than half of the time goes to feeds within a ratio of {:.3g}, as the limits allow nothing "
+    "else: a vibration that the density does not hold can spoil most of what is known of a wave"
+)
+
+
+def _window(longest: float, usable: float, limits: Limits, done: FloatArray) -> float:
+    """Return the ratio of feeds at which a vibration of the longest wave moves by one wave in the travel.
+
+    Runs within it see a vibration that nobody knows as the same wave. Waves that nobody listed count up
+    to half the travel; the range of feeds may be less.
+    """
+    longest = max(longest, usable / _WAVES_IN_TRAVEL)
+    feeds = [limits.v_min, limits.v_max, *done]
+    wanted = 1.0 / (1.0 - min(longest / usable, _SPREADABLE))
+    return float(min(max(wanted, limits.ratio), max(feeds) / min(feeds)))
+
+
+def _price(window: float, crowded: Comparison, judged: Comparison, *, all_of_it: bool) -> str:
+    """Say what spreading the feeds costs."""
+    grown = judged.sd / crowded.sd
+    i = int(np.argmax(np.where(np.isfinite(grown), grown, 0.0)))
+    return (
+        f"no ratio of {window:.3g} of the feeds holds more than half of the time and one run, so that a "
+        "vibration which the density does not hold cannot spoil all that is known of a wave; this costs "
+        f"most at {judged.waves[i] * 1e3:.3g} mm: {judged.sd[i] * 1e9:.3g} nm instead of "
+        f"{crowded.sd[i] * 1e9:.3g} nm"
+        + ("" if all_of_it else "; the limits allow no wider spread")
     )
 
 

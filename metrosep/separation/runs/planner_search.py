@@ -52,6 +52,7 @@ class Limits:
     ratio: float  # > 1: two feeds are either equal or at least this ratio apart
     length: float  # m: travel of a run, for its duration
     max_time: float  # s: of all new runs together; infinity if free
+    window: float = 1.0  # not more than half of the time lies within this ratio; 1 if free
 
     def allowed(self, feeds: FloatArray, fixed: FloatArray) -> bool:
         """Return whether a list of new feeds keeps every limit."""
@@ -64,7 +65,22 @@ class Limits:
         gaps = distinct[1:] / distinct[:-1]
         close = gaps < self.ratio * (1.0 - 1e-12)
         new = np.isin(distinct, feeds)
-        return not bool((close & (new[1:] | new[:-1])).any())
+        if bool((close & (new[1:] | new[:-1])).any()):
+            return False
+        return self.window == 1.0 or self.spread(feeds, fixed)
+
+    def spread(self, feeds: FloatArray, fixed: FloatArray) -> bool:
+        """Return whether at most half of the time goes to runs within the ratio of `window`.
+
+        One run more may lie there: of two runs one is always longer.
+        """
+        every = np.sort(np.concatenate([feeds, fixed]))
+        end = np.searchsorted(every, every * self.window * (1.0 - 1e-9))
+        time = np.concatenate([[0.0], np.cumsum(1.0 / every)])
+        rest = time[end] - time[:-1] - 1.0 / every  # the first of a window is its longest
+        crowded = rest > 0.5 * time[-1] * (1.0 + 1e-9)
+        new = np.isin(every, feeds)  # what is done already is nobody's choice
+        return not any(new[i : end[i]].any() for i in np.flatnonzero(crowded))
 
     def candidates(self) -> FloatArray:
         """Return feeds on a logarithmic grid, both limits included."""
@@ -149,7 +165,9 @@ def _starts(
     fastest = limits.v_max * np.ones(n_runs)
     slower = fastest.copy()
     slower[0] = limits.v_max / limits.ratio
-    return [*starts, slower, fastest]
+    apart = fastest.copy()
+    apart[: n_runs // 2] = max(limits.v_max / limits.window, limits.v_min)
+    return [*starts, slower, fastest, apart]
 
 
 def _spaced(feeds: FloatArray, limits: Limits, fixed: FloatArray) -> FloatArray:

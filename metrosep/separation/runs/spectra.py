@@ -19,6 +19,7 @@ from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
+from metrosep.separation.runs.design import lines_of_runs, on_common_grid, travel_of
 from metrosep.spectral.dft import fourier_basis, fourier_coefficients
 from metrosep.spectral.window import kono_weights, tukey_weights
 
@@ -147,13 +148,16 @@ def feed_spectra(
     if not 0.0 < taper_fraction <= 0.5:
         raise DataError(f"taper_fraction must be in (0, 0.5], got {taper_fraction}")
     groups = runs.by_feed() or [(math.nan, runs.runs)]
+    joints = _joints(runs, origin, length)
     per_run: list[ComplexArray] = []
     slopes: list[float] = []
     weights: list[FloatArray] = []
     for _, members in groups:
         rows = []
         for run in members:
-            x, z, slope, weight = _tapered(run, origin, length, taper_fraction, taper)
+            x, z, slope, weight = _tapered(
+                run, origin, length, taper_fraction, taper, joints.get(id(run))
+            )
             slopes.append(slope)
             weights.append(weight)
             rows.append(
@@ -180,14 +184,68 @@ def feed_spectra(
 
 
 def _tapered(
-    run: Run, origin: float, length: float, taper_fraction: float, taper: Taper
+    run: Run,
+    origin: float,
+    length: float,
+    taper_fraction: float,
+    taper: Taper,
+    joint: _Joint | None = None,
 ) -> tuple[FloatArray, FloatArray, float, FloatArray]:
     """Return positions, heights without mean and line, the slope removed, and the weights."""
     x, z = _inside(run, origin, length)
     slope, level = np.polyfit(x - origin, z, 1)
+    if joint is not None:
+        slope, level = joint.slope, joint.level
+        order = np.argsort(np.concatenate([x, joint.x]), kind="stable")
+        x = np.concatenate([x, joint.x])[order]
+        z = np.concatenate([z, joint.z])[order]
     window = kono_weights if taper == "kono" else tukey_weights
     weight = window(x.size, max(1, round(taper_fraction * x.size)))
     return x, z - (slope * (x - origin) + level), float(slope), weight
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Joint:
+    """What runs with holes in different places say of one of them."""
+
+    slope: float  # rad: of its line, fitted together with those of all runs
+    level: float  # m: of that line at the origin
+    x: FloatArray  # m: places in its holes that other runs of its feedrate have measured
+    z: FloatArray  # m: their mean there, on its line
+
+
+def _joints(runs: RunSet, origin: float, length: float) -> dict[int, _Joint]:
+    """Return what joins runs with holes, by the identity of each run; nothing where there are none.
+
+    The paper averages the runs of one feedrate in space before it transforms: where one was not
+    measured that mean is the mean of the others.
+    """
+    grid, table, _ = on_common_grid(runs, origin, origin + length)
+    inner = np.ones(grid.size, dtype=bool)
+    inner[[0, -1]] = False  # a run may end short of them by rounding
+    holes = np.isnan(table) & inner
+    if (holes == holes[0]).all():
+        return {}
+    for run in runs:
+        _inside(run, origin, length)  # refuses what no Fourier sum bridges
+    line = np.column_stack([np.ones(grid.size), (grid - origin) / length])
+    shares, _ = lines_of_runs(runs, table, line, inner)
+    # The shares leave the line of the curve in it: it is taken out with them.
+    rest = table - shares @ line.T
+    seen = inner & ~holes.all(axis=0)
+    common = np.linalg.lstsq(line[seen], np.nanmean(rest[:, seen], axis=0), rcond=None)[0]
+    shares = shares + common
+    rest = rest - line @ common
+    row = {id(run): i for i, run in enumerate(runs)}
+    out = {}
+    for members in [group for _, group in runs.by_feed()] or [runs.runs]:
+        of_feed = rest[[row[id(run)] for run in members]]
+        for run in members:
+            i = row[id(run)]
+            take = holes[i] & ~np.isnan(of_feed).all(axis=0)
+            z = np.nanmean(of_feed[:, take], axis=0) + line[take] @ shares[i]
+            out[id(run)] = _Joint(float(shares[i, 1] / length), float(shares[i, 0]), grid[take], z)
+    return out
 
 
 def _inside(run: Run, origin: float, length: float) -> tuple[FloatArray, FloatArray]:
@@ -231,10 +289,11 @@ def least_squares_coefficients(
 ) -> ComplexArray:
     """Return the kept coefficients of each run by weighted least squares."""
     rows = np.zeros((len(runs), kept.size), dtype=np.complex128)
+    joints = _joints(runs, origin, length)
     k = np.flatnonzero(kept)
     columns = np.concatenate([k, k + kept.size])
     for i, run in enumerate(runs):
-        x, z, _, weight = _tapered(run, origin, length, taper_fraction, taper)
+        x, z, _, weight = _tapered(run, origin, length, taper_fraction, taper, joints.get(id(run)))
         basis = fourier_basis(x, origin=origin, period=length, n_harmonics=kept.size)[:, columns]
         root = np.sqrt(weight)
         scale = float(np.abs(z).max()) or 1.0
@@ -245,7 +304,7 @@ def least_squares_coefficients(
 
 def feed_spectra_columns(runs: RunSet) -> dict[str, list[Any]]:
     """Return amplitude against wavelength for each feedrate over the common travel."""
-    low, high = runs.common_travel
+    low, high = travel_of(runs)
     whole = [r for r in runs if _has_spectrum(r, low, high - low)]
     if not whole:
         return {"feed_mm_min": [], "wavelength_mm": [], "amplitude_nm": []}

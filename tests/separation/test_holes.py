@@ -1,0 +1,143 @@
+"""Runs with holes in different places, and runs that each measured a part, joined by what they share.
+
+The files are written here in mm and um, with an offset and a slope of its own in each run, and what
+is judged is the table that the controller gets: -1 times the error, whatever line it has.
+"""
+
+import numpy as np
+import pytest
+
+from metrosep import Run, RunSet
+from metrosep.cli.main import main
+from metrosep.core.errors import DataError
+from metrosep.separation import separate
+
+MM, NM = 1e-3, 1e-9
+OFFSETS = (2000.0, -1500.0, 700.0, -900.0)
+SLOPES = (10.0, -15.0, 4.0, 20.0)  # nm/mm
+HOLES = ([(10, 35)], [(60, 90)], [(30, 50)], [(2, 8), (80, 95)])
+FINE = 5 * NM
+"""Twice what 2 nm of noise leaves of two readings, and 0.2 nm of straight lines between samples."""
+
+
+def error(mm):
+    """Return an error in nm without any symmetry."""
+    wave = 300.0 * np.sin(2.0 * np.pi * mm / 70.0 + 0.3) + 80.0 * np.sin(2.0 * np.pi * mm / 9.0)
+    return wave + 250.0 * np.exp(-(((mm - 22.0) / 9.0) ** 2))
+
+
+def without_line(x, z):
+    return z - np.polyval(np.polyfit(x, z, 1), x)
+
+
+def readings(holes, noise=2.0, seed=5):
+    rng = np.random.default_rng(seed)
+    mm = np.linspace(0.0, 100.0, 401)
+    for own, offset, slope in zip(holes, OFFSETS, SLOPES, strict=True):
+        nm = error(mm) + offset + slope * mm + noise * rng.standard_normal(mm.size)
+        for low, high in own:
+            nm[(mm >= low) & (mm <= high)] = np.nan
+        yield mm, nm
+
+
+def table_of(tmp_path, holes, *arguments, left_out=False, feeds=(6000, 6000, 6000, 6000)):
+    """Return positions in mm and entries in m of the table made of a file of runs."""
+    rows = ["x_mm,z_um,t_s,feed_mm_min,run"]
+    for i, (mm, nm) in enumerate(readings(holes)):
+        for x, z in zip(mm, nm, strict=True):
+            if left_out and np.isnan(z):
+                continue
+            text = "" if np.isnan(z) else f"{z * 1e-3:.6f}"
+            rows.append(f"{x:.4f},{text},{x * 60.0 / feeds[i]:.6f},{feeds[i]},r{i}")
+    source = tmp_path / "runs.csv"
+    source.write_text("\n".join(rows) + "\n")
+    columns = ["--x", "x_mm", "--z", "z_um", "--run", "run", "--feed", "feed_mm_min"]
+    table = ["--table", "csv=t.csv; compensates=Z; spacing=1 mm", "--active", "none"]
+    waived = [v for check in ("coverage", "dry-run", "inconclusive") for v in ("--waive", check)]
+    out = ["-o", str(tmp_path / "out"), *waived]
+    with pytest.raises(SystemExit) as ended:
+        main(["separate", str(source), *columns, *arguments, *table, *out])
+    assert ended.value.code == 0
+    x, entry = np.loadtxt(tmp_path / "out/t.csv", delimiter=",", skiprows=1).T
+    return x, entry * 1e-6
+
+
+def fault_of(x, entry):
+    """Return entries less those of the truth, in m: a table is minus the error."""
+    return without_line(x, entry + error(x) * NM)
+
+
+@pytest.mark.parametrize("left_out", [False, True], ids=["empty", "left out"])
+def test_the_table_of_a_mean_of_runs_with_holes_is_that_of_the_error(tmp_path, capsys, left_out):
+    x, entry = table_of(tmp_path, HOLES, "--method", "mean", left_out=left_out)
+
+    assert np.abs(fault_of(x, entry)).max() < FINE  # 65 nm where each run has a line of its own
+    assert np.abs(without_line(x, -entry + error(x) * NM)).max() > 500 * NM
+    assert "holes in different places" in "".join(capsys.readouterr())
+
+
+def test_short_holes_reach_no_table_of_kono(tmp_path):
+    """The mean of the runs of a feedrate has no hole where one of them has."""
+    holes = ([(8, 9.3)], [(90, 91.3)], [(30, 31.3)], [(22, 23.3), (70, 71.3)])
+    given = ["--method", "kono", "--shortest", "4 mm", "--start", "12 mm", "--length", "76 mm"]
+
+    x, entry = table_of(tmp_path, holes, *given, feeds=(4800, 4800, 7200, 7200))
+
+    assert np.abs(fault_of(x, entry)).max() < FINE  # 9 nm where the sum goes straight over a hole
+
+
+def run_set(holes, noise=2.0, seed=5):
+    return RunSet(
+        [
+            Run(mm[~np.isnan(nm)] * MM, nm[~np.isnan(nm)] * NM, feed=0.1, run_id=f"r{i}")
+            for i, (mm, nm) in enumerate(readings(holes, noise, seed))
+        ]
+    )
+
+
+def test_a_travel_that_was_measured_part_by_part_is_one_error():
+    parts = ([(45, 100)], [(0, 35), (80, 100)], [(0, 60)], [(20, 70)])
+    found = separate(run_set(parts), method="mean", start=0.0, length=0.1)
+
+    x = np.linspace(0.5, 99.5, 199)
+    rest = without_line(x, found.evaluate(x * MM) - error(x) * NM)
+    assert np.abs(rest).max() < 3 * FINE  # single readings, and lines carried on over the travel
+    alone = (x > 71.0) & (
+        x < 79.0
+    )  # runs 1, 2, 3; one reading of 0 ... 20 and 80 ... 100 mm in two
+    assert np.isfinite(found.sd(x * MM)[alone]).all()
+    assert any("one run alone" in m for m in found.messages)
+
+
+def test_parts_that_no_chain_of_runs_ties_are_refused():
+    apart = ([(45.4, 100)], [(45.4, 100)], [(0, 44.8)], [(0, 44.8)])  # two positions in common
+    with pytest.raises(DataError, match="separate parts: no chain of runs"):
+        separate(run_set(apart), method="mean", start=0.0, length=0.1)
+
+
+def test_the_uncertainty_holds_what_the_joints_leave_open():
+    """Twenty sets: RMS of the error over that of sd; a chain of short overlaps is 1.4 times worse."""
+    chain = ([(53, 100)], [(53, 100)], [(0, 47)], [(0, 47)])
+    x = np.linspace(0.5, 99.5, 199)
+    squares = np.zeros(2)
+    for seed in range(20):
+        found = separate(run_set(chain, 20.0, seed), method="mean", start=0.0, length=0.1)
+        rest = without_line(x, found.evaluate(x * MM) - error(x) * NM)
+        squares += np.mean(rest**2), np.mean(found.sd(x * MM) ** 2)
+    ratio = np.sqrt(squares[0] / squares[1])
+    assert 0.8 < ratio < 1.25  # 20 sets of two free numbers: 11 % of scatter
+    assert np.sqrt(squares[0] / 20) > 1.2 * 20 * NM / np.sqrt(2.0)  # more than the scatter alone
+
+
+def test_lost_motion_of_runs_with_holes_at_one_end_is_that_of_the_middle():
+    """Each run has its slope: the mean of what was measured would be that of another place."""
+    mm = np.linspace(0.0, 100.0, 401)
+    runs = []
+    for i, (slope, way) in enumerate([(30.0, 1), (-10.0, 1), (20.0, -1), (-25.0, -1)]):
+        nm = error(mm) + slope * (mm - 50.0) - (120.0 if way < 0 else 0.0)
+        nm[(mm > 70.0) if i % 2 else (mm < 20.0)] = np.nan
+        runs.append(Run(mm[::way] * MM, nm[::way] * NM, feed=0.1, run_id=f"r{i}"))
+
+    found = separate(RunSet(runs), method="mean")
+
+    assert abs(found.lost_motion.value + 120 * NM) < 1 * NM
