@@ -23,7 +23,7 @@ import numpy as np
 from metrosep.controllers.base import paired_stream, sidecar_path
 from metrosep.controllers.gcode.columns import require_hash
 from metrosep.controllers.gcode.lathe import LatheAxes, rounding_error
-from metrosep.controllers.gcode.turning_reader import read_program
+from metrosep.controllers.gcode.turning_reader import MARK, read_program
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, TableError
@@ -48,14 +48,15 @@ __all__ = ["ProgramCheck", "WrittenProgram", "check_program", "write_program"]
 Kind = Literal["gcode", "pmac", "points"]
 """Blocks with G1; PVT blocks of a PMAC; a list of points as CSV."""
 
-_MARK = "METROSEP TURNING PROGRAM"
 _APPROACH = 10.0
 """s: of the first block, which comes from wherever the tool stands."""
 _SLACK = 0.2e-9
 """m: what a check may find beyond what is predicted."""
 _PLACES, _SEED = 20_000, 2020
 _MOST_LOOKS = 900_000
-"""Blocks above which each is looked at in its middle only."""
+"""Looks along a program: blocks are looked at as often as that allows, but twice up to `_TWICE` blocks."""
+_TWICE = 1_000_000
+"""Blocks that are looked at where they begin and in their middle; of more than that, the middle only."""
 _WHOLE_MS = 1e-9
 _MARGIN = 0.02
 """Turns: by that the lean of the edge and rounding move the deciding moment."""
@@ -311,7 +312,7 @@ def _head(
     for column in (program.X, program.azimuth, program.Z, program.t):
         points.update(column.tobytes())
     lines = [
-        _MARK,
+        MARK,
         f"quantity {program.quantity}",
         f"interpolation {program.interpolation}",
         tool,
@@ -595,8 +596,8 @@ def check_program(
     -----
     The tip is compared with the lowest that cuts nothing within every block, and the part is cut where it
     is furthest off. Looks are as dense along the turns as the feed is across, but no more than 900,000 in
-    all and one a block or more: a feature shorter than `ProgramCheck.gap`, or narrower than the feed, may go
-    unseen. With `planned`
+    all; two a block (its beginning and its middle) up to a million blocks, one in the middle beyond: a feature
+    shorter than `ProgramCheck.gap`, or narrower than the feed, may go unseen. With `planned`
     every point is compared, acting at its contact.
     """
     low, high = region or touched_radii(program, nose, form)
@@ -613,7 +614,7 @@ def check_program(
     cut = np.isfinite(part.error)
     every = format_length(course.gap, digits=2)
     unseen = f"the tip is looked at every {every} along the turns or closer: a shorter bump may go unseen"
-    said = [_GEOMETRY, unseen]
+    said = [_GEOMETRY, unseen, *course.messages]
     cusp, left = math.nan, part.error[cut]
     if program.feed > 0.0:
         high_ = cusp_heights(
@@ -663,18 +664,30 @@ class _Course:
         self._program = program
         self._planned = planned if planned is not None and len(planned) == len(program) else None
         self.difference = 0.0
-        # along the turns as dense as they are across; odd, for lines are furthest off in the middle of a block
+        # along the turns as dense as they are across; even, for a point is wrong where it is, and lines are
+        # furthest off in the middle of a block
         reach = np.maximum(np.abs(program.X[1:]), np.abs(program.X[:-1]))
         way = np.hypot(np.diff(program.X), reach * np.diff(program.azimuth))
         longest = float(way.max(initial=0.0))
         wanted = longest / program.feed if program.feed > 0.0 else 1.0
-        most = max(1, _MOST_LOOKS // max(1, len(program)))
-        looks = int(min(max(3.0, math.ceil(wanted)), most))
-        looks -= 1 - looks % 2
+        most = max(2 if len(program) <= _TWICE else 1, _MOST_LOOKS // len(program))
+        looks = int(min(max(4.0, math.ceil(wanted)), most))
+        looks -= looks % 2 if looks > 1 else 0
         self.gap = longest / looks
-        pieces = course_pieces(program, form, edge, (np.arange(looks) + 0.5) / looks)
-        self.rho, self.theta, ends = worst_contacts(map(self._compared, pieces), region)
-        self.peak_to_valley = ends[1] - ends[0]
+        shares = np.arange(looks) / looks if looks > 1 else np.array([0.5])
+        pieces = course_pieces(program, form, edge, shares)
+        found = worst_contacts(map(self._compared, pieces), region)
+        self.rho, self.theta = found.rho, found.theta
+        self.peak_to_valley = found.ends[1] - found.ends[0]
+        self.messages: tuple[str, ...] = ()
+        if self.peak_to_valley > _SLACK:
+            at = " and ".join(
+                f"{format_length(abs(off))} too {'high' if off > 0.0 else 'low'} from point {block} on (X = "
+                f"{format_length(float(program.X[block]))}, azimuth "
+                f"{math.degrees(float(program.azimuth[block])) % 360.0:.5g} degrees)"
+                for off, block in zip(found.ends, found.blocks, strict=True)
+            )
+            self.messages = (f"the tip is furthest off: {at}",)
 
     def _compared(self, piece: CoursePiece) -> CoursePiece:
         """Return a piece; note what its points are off those of the plan, at their contacts."""

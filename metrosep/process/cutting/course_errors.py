@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.forms.base import Form
 from metrosep.process.cutting.programs import AxisCourse, TurningProgram
-from metrosep.process.tips import Edge, tips
+from metrosep.process.tips import Edge, tips, tips_along
 
-__all__ = ["CoursePiece", "course_error", "course_pieces", "worst_contacts"]
+__all__ = ["CoursePiece", "WorstContacts", "course_error", "course_pieces", "worst_contacts"]
 
 _PIECE = 1 << 15
 """Moments that are worked on at once."""
@@ -60,7 +60,7 @@ def course_pieces(
         course = AxisCourse.of(program, slice(begin, end + 1))
         i = np.repeat(np.arange(end - begin), parts.size)
         X, azimuth, Z = (course.value(a, i, np.tile(parts, end - begin)) for a in range(3))
-        made = tips(form, X, azimuth, edge, strict=strict)
+        made = tips_along(form, X, azimuth, edge, strict=strict)
         yield CoursePiece(
             begin + i, Z - made.z, made.rho, made.theta, made.along_x, made.along_y,
             edge.by_azimuth(X, made.psi, made.along_x, made.along_y),
@@ -78,20 +78,31 @@ def course_error(
     return np.concatenate([*made, program.Z[-1:] - end.z])
 
 
-def worst_contacts(
-    pieces: Iterator[CoursePiece], region: tuple[float, float]
-) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
-    """Return rho and theta of the contacts of the lowest and highest moments within radii, and the extremes of d."""
-    kept = np.empty((3, 0))
+@dataclass(frozen=True, slots=True, eq=False)
+class WorstContacts:
+    """The moments of a program that are furthest off, within radii of their contacts."""
+
+    rho: FloatArray  # m
+    theta: FloatArray  # rad
+    ends: tuple[float, float] = (np.nan, np.nan)  # m: the least and the largest error
+    blocks: tuple[int, int] = (0, 0)  # the blocks of these two
+
+
+def worst_contacts(pieces: Iterator[CoursePiece], region: tuple[float, float]) -> WorstContacts:
+    """Return the contacts of the lowest and highest moments within radii, and the extremes of d."""
+    kept = np.empty((4, 0))
     for piece in pieces:
         on = np.isfinite(piece.error) & (piece.rho >= region[0]) & (piece.rho <= region[1])
-        rows = np.concatenate(
-            [kept, np.stack([piece.error[on], piece.rho[on], piece.theta[on]])], axis=1
-        )
+        rows = np.stack([v[on] for v in (piece.error, piece.rho, piece.theta, piece.block)])
+        rows = np.concatenate([kept, rows], axis=1)
         if rows.shape[1] > 2 * _WORST:
             order = np.argpartition(rows[0], (_WORST, rows.shape[1] - _WORST))
             rows = rows[:, np.concatenate([order[:_WORST], order[-_WORST:]])]
         kept = rows
-    if not kept.size:
-        return kept[1], kept[2], (np.nan, np.nan)
-    return kept[1], kept[2], (float(kept[0].min()), float(kept[0].max()))
+    error, rho, theta, block = kept
+    if not error.size:
+        return WorstContacts(rho, theta)
+    low, high = int(np.argmin(error)), int(np.argmax(error))
+    return WorstContacts(
+        rho, theta, (float(error[low]), float(error[high])), (int(block[low]), int(block[high]))
+    )

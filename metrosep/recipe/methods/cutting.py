@@ -6,7 +6,7 @@ And the hysteresis of the stage that drives a fast tool: identified from loops, 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -112,8 +112,6 @@ class CutBudgeted(Method):
     @classmethod
     def from_inputs(cls, data: Any, options: Mapping[str, Any]) -> CutBudgetFound:
         """Return what the step makes."""
-        from dataclasses import replace
-
         from metrosep.process import RoundNose, ToolSetting, cut_budget
         from metrosep.process.cutting.measured_parts import drawn_points, fit_causes
         from metrosep.process.cutting.virtual_part import touched_radii
@@ -124,12 +122,12 @@ class CutBudgeted(Method):
         words = {k: options[k] for k in _TOOL if k in options and k != "nose_radius"}
         nose = RoundNose(options["nose_radius"], **words)
         actual = None
-        said: tuple[str, ...] = ()
+        said = program.messages
         if "edge_rises" in options and "edge" not in options:
             raise DataError(NO_EDGE)
         if "edge" in options:
             profile = edge_of_file(options["edge"], options.get("edge_rises"))
-            actual, said = replace(nose, edge=profile), profile.messages
+            actual, said = replace(nose, edge=profile), (*said, *profile.messages)
         setting = {k: options[k] for k in SETTING if k in options}
         form = form_of(options["form"])
         low, high = touched_radii(program, nose, form)
@@ -258,7 +256,8 @@ class AxesMoved(Method):
         from metrosep.process import axis_motion
 
         program, _ = _program_of(options)
-        return axis_motion(program, limits_of(options), block_time=options.get("block_time", 0.0))
+        found = axis_motion(program, limits_of(options), block_time=options.get("block_time", 0.0))
+        return replace(found, messages=(*program.messages, *found.messages))
 
 
 # ---- hysteresis of the stage ------------------------------------------------------------------------
