@@ -422,6 +422,7 @@ class TurningJob:
         *,
         tool: ToolSetting | None = None,
         follow_up: FollowUp | FollowUpMap | float | None = None,
+        follow_up_x: FollowUp | FollowUpMap | None = None,
         others: Sequence[Contribution] = (),
         removed: Sequence[str] = (),
         sub_points: int = _PARTS,
@@ -438,6 +439,8 @@ class TurningJob:
             error with dx, dy and dR, drawn with their covariance.
         follow_up : FollowUp, FollowUpMap or float, optional
             A log of the dry run with places on the part, or a P-V in m.
+        follow_up_x : FollowUp or FollowUpMap, optional
+            The same of X, positive outwards: it acts as minus the slope along X times it.
         others : sequence of Contribution, optional
             Further causes, maps at the points of this prediction or P-Vs.
         removed : sequence of {"piston", "tilt"}, optional
@@ -471,6 +474,7 @@ class TurningJob:
         """
         spiral = self._own(path)
         _check_causes(tool, follow_up, float_too=True)
+        _check_causes(None, follow_up_x, float_too=False)
         if not isinstance(others, list | tuple):
             raise DataError(f"others must be a list of contributions, got {type(others).__name__}")
         removed = checked_removed(removed)
@@ -496,6 +500,13 @@ class TurningJob:
             causes.append(cause_of("follow-up", z, rho, azimuth, weights, removed))
         elif follow_up is not None:
             causes.append(Contribution("follow-up", follow_up))
+        if follow_up_x is not None:
+            off = on_spiral(follow_up_x, spiral, rho, messages)
+            # dZ/dX of the tip is the slope at its contact; with XZ the samples are contacts
+            surface = self.form if servo == "XZ" else self._surface
+            gx, gy = surface.gradient(rho * np.cos(azimuth), rho * np.sin(azimuth))
+            z = -(np.cos(azimuth) * gx + np.sin(azimuth) * gy) * off
+            causes.append(cause_of("follow-up of X", z, rho, azimuth, weights, removed))
         causes += list(others)
         budget = ErrorBudget(causes, weights=weights)
         messages += budget.messages
@@ -616,6 +627,7 @@ class TurningJob:
         *,
         tool: ToolSetting | None = None,
         follow_up: FollowUp | FollowUpMap | None = None,
+        follow_up_x: FollowUp | FollowUpMap | None = None,
         gain: float = 1.0,
         servo: Servo = "Z",
     ) -> TurningProgram:
@@ -626,12 +638,14 @@ class TurningJob:
         tool : ToolSetting, optional
             What the errors of the setting are.
         follow_up : FollowUp or FollowUpMap, optional
-            Log of the dry run with places on the part; its negative is added.
+            Log of the dry run with places on the part; its negative is added to Z.
+        follow_up_x : FollowUp or FollowUpMap, optional
+            The same of X, positive outwards; with servo "XZ" only, for X follows nothing otherwise.
         gain : float, optional
             Share of the follow-up error that is taken, above 0 and at most 1.
         servo : {"Z", "XZ"}, optional
             What follows the surface, as of `program`: with "XZ" the contacts of the tool as it is set lie on
-            the spiral, and X makes up for it too. A log is one of Z in both.
+            the spiral, and X makes up for it too.
 
         Returns
         -------
@@ -642,8 +656,8 @@ class TurningJob:
         Raises
         ------
         DataError
-            If there is nothing to make up for, an argument cannot be used, the path is of another job, or
-            the log is of another spiral, starts late, has a long hole or no sample on the part.
+            If there is nothing to make up for, an argument cannot be used, the path is of another job, a log of
+            X is given and X follows nothing, or the log is of another spiral, starts late, has a long hole or no sample on the part.
         NotConvergedError
             If the setting cannot be inverted.
         LimitError
@@ -664,11 +678,17 @@ class TurningJob:
                 "nose"
             )
         _check_causes(tool, follow_up, float_too=False)
+        _check_causes(None, follow_up_x, float_too=False)
         gain = numbers.positive(numbers.between(gain, "gain", 0.0, 1.0), "gain")
         spiral = self._own(path)
         numbers.choice(servo, "servo", get_args(Servo))
         if servo == "XZ":
-            return self._compensated_both(spiral, tool, follow_up, gain)
+            return self._compensated_both(spiral, tool, follow_up, follow_up_x, gain)
+        if follow_up_x is not None:
+            raise DataError(
+                'a log of X is made up for by X, and with servo "Z" X follows nothing: take servo "XZ", or leave '
+                "follow_up_x out"
+            )
         points = spiral.points(self._surface)
         if self.nose is None:
             change, residual, messages = self._cut_points(points, tool)
@@ -704,6 +724,7 @@ class TurningJob:
         spiral: SpiralPath,
         tool: ToolSetting | None,
         follow_up: FollowUp | FollowUpMap | None,
+        follow_up_x: FollowUp | FollowUpMap | None,
         gain: float,
     ) -> TurningProgram:
         """Return the program of X and Z whose contacts, of the tool as it is set, lie on the spiral."""
@@ -711,20 +732,22 @@ class TurningJob:
         assert self.nose is not None  # noqa: S101  # just seen
         _refuse_fitted(spiral)
         nominal = self.program(spiral, servo="XZ")
+        places = self._course(spiral)[0]
         X, azimuth, Z, said = nominal.X, nominal.azimuth, nominal.Z, [*nominal.messages]
         residual: dict[str, float] = {}
         audit: dict[str, Any] = {"n_points": X.size, "gain": gain, "servo": "XZ", **self._tool()}
         if tool is not None:
             edge = Edge.of(self.nose, self.sense, tool)
-            rho, theta, _, _ = self._course(spiral)
-            X, azimuth, Z, _ = contact_path(self.form, rho, theta, edge)
+            theta = self._course(spiral)[1]
+            X, azimuth, Z, _ = contact_path(self.form, places, theta, edge)
             made = tips(self.form, X, azimuth, edge, strict=True)
             _, residual, unknown = left_over(tool, edge.by_setting(made), np.abs(made.rho))
             said += [*(f"tool setting: {m}" for m in tool.messages), *unknown]
             audit |= {f"{n}_um": getattr(tool, n) * 1e6 for n in ("dx", "dy", "dR")}
         if follow_up is not None:
-            rho = self._course(spiral)[0]
-            Z = Z - gain * held_on_points(follow_up, spiral, rho, said)
+            Z = Z - gain * held_on_points(follow_up, spiral, places, said)
+        if follow_up_x is not None:
+            X = X - gain * held_on_points(follow_up_x, spiral, places, said)
         rates = None
         if spiral.interpolation == "pvt":
             rates = frozen(np.stack([knot_slopes(nominal.t, v) for v in (X, azimuth, Z)]))
