@@ -451,7 +451,7 @@ class OnSpindle(Brute):
 @pytest.mark.parametrize("rake", [0.0, -20.0])
 def test_terms_of_a_machine_are_cut_as_spindle_and_slide_move(rake, rng):
     """EXC, EYC, EZC, EBC and EYX, EZX at once, each with its own shape and sign."""
-    from metrosep.machine import CallableTerm, presets
+    from metrosep.machine import CallableTerm, ErrorSet, PolynomialTerm, presets
     from metrosep.process import cut_budget, machine_deviations
 
     shift = lambda c: (  # noqa: E731
@@ -490,6 +490,16 @@ def test_terms_of_a_machine_are_cut_as_spindle_and_slide_move(rake, rng):
         z = other.lowest(rho[k] * np.exp(1j * theta[k]), times[near])
         # the edge turns with the tilt, by 0.1 mm times 6 urad
         assert found.full.z[k] == pytest.approx(z, abs=0.8 * NM)
+    # an uncertainty of a term is a mode of its map: of a slide known to 0.2 um and 1 um per 10 mm
+    known = ErrorSet(
+        {"EYX": PolynomialTerm([0.5e-6], covariance=[[4e-14]]), "EXC": 0.1e-6}, u={"EXC": 0.3e-6}
+    )
+    moves = machine_deviations(made, presets("sts_lathe", spindle_errors="fixed"), known)
+    slid = cut_budget(made, nose, x, y, form=form, deviation=moves).budget.contributions[1:]
+    sY = (28 * y + 3 * x) * np.cos(theta) - (18 * x + 3 * y + 6e-3) * np.sin(theta)
+    np.testing.assert_allclose(slid[0].modes[0], -sY * 0.2e-6, rtol=0, atol=0.1 * NM)
+    assert slid[1].modes[0] == pytest.approx(3.0 * slid[1].map, abs=1e-15)
+    assert slid[1].u > 0.3 * slid[1].pv
     wrong = {"C": made.azimuth, "X": made.X, "Z": made.Z}
     with pytest.raises(DataError, match="opposite ways: c_positive"):
         machine_deviations(made, presets("sts_lathe"), errors, positions=wrong)

@@ -103,7 +103,7 @@ class CutBudgeted(Method):
         **{n: Option(o.kind, choices=o.choices, help=o.help) for n, o in MACHINE.items()},
         "errors": Option(
             "table",
-            help='terms of that machine, each a cause, { EZC = "table ezc.csv", EYX = "0.3 um" }',
+            help='terms of that machine, each a cause, { EZC = "table ezc.csv", EYX = "0.3 um", u_EYX = "50 nm" }',
         ),
         "part": Option("file", help="map of a part that was cut with the program"),
         "centre": Option("lengths", help=OF_PART),
@@ -170,6 +170,7 @@ def _machine(
     options: Mapping[str, Any], program: Any, axes: LatheAxes
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return what error terms of a machine do to the tip, by their names, and how names were read."""
+    from metrosep.machine import ErrorSet
     from metrosep.machine.ranking import curve_text
     from metrosep.process import machine_deviations
 
@@ -185,10 +186,13 @@ def _machine(
                 f"{name} = {value!r} is a wave whose phase nobody knows: it ranks terms, and cuts no part that "
                 f'could be compared; give the curve, {name} = "table {name.lower()}.csv"'
             )
+    named = rest.get("errors", {})
+    rest["errors"] = {k: v for k, v in named.items() if not k.startswith("u_")}
+    us = {k.removeprefix("u_"): v for k, v in named.items() if k.startswith("u_")}
     errors, notes = errors_of(chain, rest)
     way = -1.0 if axes.tool_side == "-X" else 1.0
     positions = {"X": way * program.X, "Z": program.Z, "C": axes.c_of(program.azimuth)}
-    return machine_deviations(program, chain, errors, positions=positions), notes
+    return machine_deviations(program, chain, ErrorSet(errors, u=us), positions=positions), notes
 
 
 _OTHER_PROGRAM = (
