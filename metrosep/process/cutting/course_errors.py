@@ -11,21 +11,41 @@ specs/cutting-path.md, equations (4) and (22).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.forms.base import Form
+from metrosep.process._plain import frozen
+from metrosep.process.cutting.edge_errors import Servo
 from metrosep.process.cutting.programs import AxisCourse, TurningProgram
+from metrosep.process.cutting.servos import contact_path
+from metrosep.process.path_errors import PathErrorMap
 from metrosep.process.tips import Edge, tips, tips_along
 
-__all__ = ["CoursePiece", "WorstContacts", "course_error", "course_pieces", "worst_contacts"]
+__all__ = [
+    "CoursePiece",
+    "WorstContacts",
+    "course_error",
+    "course_pieces",
+    "on_the_cut",
+    "worst_contacts",
+]
 
 _PIECE = 1 << 15
 """Moments that are worked on at once."""
+_PASSES = 5
+"""For the lean of an edge over a place: each pass leaves 1e-3 of the last."""
+_HOPELESS = 4.0
+"""Times a tolerance: a path that is off by more is not looked at with its neighbours."""
+_SHARES = (0.85, 0.7, 0.55, 0.4, 0.2, 0.0)
+"""Of the P-V, from where on upwards the neighbours of a sample are looked at, until no other can be higher."""
+_TURNS_BESIDE = 12
+"""Turns on either side: the edge of the tenth stands a hundred times as high as that of the first."""
 _WORST = 400
 """Lowest and highest moments whose contacts are kept."""
 
@@ -76,6 +96,75 @@ def course_error(
     made = [p.error for p in pieces]
     end = tips(form, program.X[-1:], program.azimuth[-1:], edge, strict=True)
     return np.concatenate([*made, program.Z[-1:] - end.z])
+
+
+def _rise_beside(
+    form: Form, edge: Edge, X: FloatArray, rho: FloatArray, theta: FloatArray
+) -> FloatArray:
+    """Return how high above places of the form the edge passes with its tip at X, touching beside; inf if never."""
+    y = np.full(rho.shape, edge.dy)
+    psi, along = np.zeros(rho.shape), rho
+    with np.errstate(invalid="ignore"):
+        for _ in range(_PASSES):
+            along = np.sqrt((rho - y) * (rho + y))
+            psi = edge.angle_at(along - X)
+            y = edge.point(psi)[1]
+    rise = np.full(rho.shape, np.inf)
+    on = np.flatnonzero((psi >= edge.low) & (psi <= edge.high) & (X >= 0.0))
+    phi = theta[on] - np.arctan2(y[on], along[on])
+    tip = tips_along(form, X[on], phi, edge, strict=False).z
+    place = form.height(rho[on] * np.cos(theta[on]), rho[on] * np.sin(theta[on]))
+    rise[on] = tip + edge.point(psi[on])[2] - place
+    return np.where(np.isnan(rise), np.inf, rise)
+
+
+def on_the_cut(
+    error: PathErrorMap, form: Form, edge: Edge, servo: Servo, tolerance: float
+) -> PathErrorMap:
+    """Return the map with what the turns on either side cut away of what stands highest."""
+    z, size = error.z, float(np.ptp(error.z))
+    if size > _HOPELESS * tolerance:
+        return error  # no candidate, whatever its turns cut of one another
+    left, seen = z.copy(), np.zeros(z.size, dtype=bool)
+    for share in _SHARES:
+        high = np.flatnonzero((z >= z.min() + share * size) & ~seen)
+        left[high], seen[high] = _beside(error, high, form, edge, servo), True
+        if left[seen].max(initial=-math.inf) >= z.min() + share * size:
+            break  # what was not looked at stands lower
+    return replace(error, z=frozen(left))
+
+
+def _beside(
+    error: PathErrorMap, at: NDArray[np.intp], form: Form, edge: Edge, servo: Servo
+) -> FloatArray:
+    """Return what is left at samples of a path where the edge cuts there in other turns, too."""
+    path = error.path
+    turned = (path.radius - error.rho) * (2.0 * math.pi / path.feed)
+    rho, theta, left = error.rho[at], error.theta[at], error.z[at]
+    if servo == "Z":
+        made = tips_along(form, rho, theta, edge, strict=False)
+        places = made.rho, made.theta
+    else:
+        places = rho, theta
+    for way in (-1.0, 1.0):
+        which = np.arange(at.size)
+        for k in range(1, _TURNS_BESIDE):
+            off = np.interp(
+                turned[at[which]] + 2.0 * math.pi * way * k, turned, error.z, math.inf, math.inf
+            )
+            # it stands above the place as high as it is off, or more
+            near = (off < left[which]) & (rho[which] - way * k * path.feed > 0.0)
+            which, off = which[near], off[near]
+            if not which.size:
+                break
+            X = rho[which] - way * k * path.feed
+            if servo == "XZ":
+                X = contact_path(form, X, theta[which], edge)[0]
+            rise = _rise_beside(form, edge, X, *(v[which] for v in places))
+            lower = off + rise < left[which]
+            left[which[lower]] = (off + rise)[lower]
+            which = which[rise < left[which] - error.z.min()]
+    return left
 
 
 @dataclass(frozen=True, slots=True, eq=False)
