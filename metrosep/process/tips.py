@@ -344,7 +344,8 @@ def near_contacts(
     with np.errstate(invalid="ignore", divide="ignore"):
         here = _rise(form, x, phi, edge, psi)
         bend = (_rise(form, x, phi, edge, psi + _PROBE) - here) / _PROBE
-        psi = psi - here / bend
+        step = -here / bend
+        psi = psi + step
         for _ in range(2):
             step = -_rise(form, x, phi, edge, psi) / bend
             psi = psi + step

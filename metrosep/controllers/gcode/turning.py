@@ -312,7 +312,7 @@ def _head(
     c_way = "rises" if (program.sense == "counterclockwise") == (axes.way > 0.0) else "falls"
     points = hashlib.sha256()
     for column in (program.X, program.azimuth, program.Z, program.t):
-        points.update(np.ascontiguousarray(column))
+        points.update(np.ascontiguousarray(column).data)
     lines = [
         MARK,
         f"quantity {program.quantity}",

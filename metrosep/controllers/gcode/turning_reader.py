@@ -209,6 +209,7 @@ def _read_gcode(text: _Lines, axes: LatheAxes) -> _Columns:
     place, joined = text.place, set[bool]()
     mode, unit, splined, started, ended = "", "", False, False, False
     last: dict[str, str] = {}
+    before: dict[str, str] = {}
     block: dict[str, str] = {}
     number = 0
     for number, line in text:

@@ -179,10 +179,11 @@ class WorstContacts:
 
 def worst_contacts(pieces: Iterator[CoursePiece], region: tuple[float, float]) -> WorstContacts:
     """Return the contacts of the lowest and highest moments within radii, and the extremes of d."""
-    kept = np.empty((4, 0))
+    kept: FloatArray = np.empty((4, 0))
     for piece in pieces:
         on = np.isfinite(piece.error) & (piece.rho >= region[0]) & (piece.rho <= region[1])
-        rows = np.stack([v[on] for v in (piece.error, piece.rho, piece.theta, piece.block)])
+        block_of = piece.block.astype(np.float64)
+        rows = np.stack([v[on] for v in (piece.error, piece.rho, piece.theta, block_of)])
         rows = np.concatenate([kept, rows], axis=1)
         if rows.shape[1] > 2 * _WORST:
             order = np.argpartition(rows[0], (_WORST, rows.shape[1] - _WORST))

@@ -114,7 +114,10 @@ def machine_deviations(
     t = frozen(program.t)
     made: dict[str, PathDeviation] = {}
     for name, all_rows in found.items():
-        plain, *more = (PathDeviation(t, *(frozen(r) for r in rows)) for rows in all_rows)
+        plain, *more = (
+            PathDeviation(t, frozen(X), frozen(turn), frozen(Z), frozen(Y))
+            for X, turn, Z, Y in all_rows
+        )
         made[name] = replace(plain, u=more[0]) if more else plain
     return made
 
