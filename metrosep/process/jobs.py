@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any, get_args
 
 import numpy as np
@@ -25,7 +25,7 @@ from metrosep.process._log_places import held_on_points, on_spiral
 from metrosep.process._motion import FollowUp, FollowUpMap
 from metrosep.process._plain import frozen, length
 from metrosep.process._setting_equations import polar_slopes
-from metrosep.process.cutting.course_errors import course_error
+from metrosep.process.cutting.course_errors import course_error, on_the_cut
 from metrosep.process.cutting.edge_errors import Servo
 from metrosep.process.cutting.motion import AxisLimits, AxisMotion, axis_motion
 from metrosep.process.cutting.programs import TurningProgram
@@ -57,9 +57,8 @@ _LEAD_IN = 3
 _PARTS = 10
 """Moments within a block at which a plan or a prediction looks."""
 _MOST_COUNTS, _NEARLY = 14, 0.98
-"""Counts that are tried for both axes; a count that leaves more than that of the tolerance is near enough."""
-_MOST_PLANS = 5
-"""Searches with a tighter tolerance until the tip path, which is more curved, holds it too."""
+"""Counts that are tried on the cut surface; a count that leaves more than that of the tolerance is near enough."""
+_MOST_BLOCKS = 1_000_000
 _USUAL_NOSE = 0.5e-3
 """m: the nose for which a message says what a program of cut points does."""
 _OF_THE_JOB = {
@@ -254,7 +253,7 @@ class TurningJob:
         limits: Mapping[str, AxisLimits] | None = None,
         **options: Any,
     ) -> JobPlan:
-        """Return the fewest blocks whose interpolation error holds a tolerance.
+        """Return the fewest blocks whose interpolation error holds a tolerance, with a nose on the surface it cuts.
 
         Parameters
         ----------
@@ -284,36 +283,18 @@ class TurningJob:
             if name in _OF_THE_JOB:
                 raise DataError(_OF_THE_JOB[name])
         tolerance = length(tolerance, "tolerance")
-        wanted, reached = tolerance, math.nan
         options |= {"distribution": distribution, "interpolation": interpolation}
-        for _ in range(_MOST_PLANS):
-            found = points_for_tolerance(
-                self.form, self.radius, self.feed, wanted, annulus=annulus, lead_in=lead_in,
-                core=self.core, sense=self._way, **options,
-            )  # fmt: skip
-            if self.nose is None or servo == "XZ":
-                break
-            error = found.path.error_map(self._surface)
-            reached = error.peak_to_valley(annulus=annulus, azimuth=options.get("azimuth"))
-            if reached <= tolerance:
-                said = "the search is that of cut points, the P-V that of the tip path"
-                messages = (*found.messages, said)
-                found = replace(
-                    found, peak_to_valley=reached, tolerance=tolerance, messages=messages
-                )
-                break
-            wanted *= 0.98 * tolerance / reached
-        else:
-            raise LimitError(
-                f"no number of blocks was found whose tip path holds {tolerance:.6g} m P-V; the last leaves "
-                f"{reached:.6g} m: take a smaller nose or a larger tolerance"
-            )
+        found = points_for_tolerance(
+            self.form, self.radius, self.feed, tolerance, annulus=annulus, lead_in=lead_in,
+            core=self.core, sense=self._way, **options,
+        )  # fmt: skip
         if servo == "XZ":
             self._require_nose_for_xz()
-            if options.get("azimuth") is not None:
+        if self.nose is not None:
+            if servo == "XZ" and options.get("azimuth") is not None:
                 raise DataError('with servo "XZ" a plan is over an area: leave azimuth out')
-            parts = options.get("sub_points", _PARTS)
-            found = self._both_axes(found, tolerance, annulus, parts)
+            region = {"annulus": annulus, "azimuth": options.get("azimuth")}
+            found = self._on_the_cut(found, tolerance, servo, region, options)
         motion = None
         if limits is not None:
             program = self.program(found.path, servo=servo, cut_points=self.nose is None)
@@ -326,26 +307,27 @@ class TurningJob:
                 'servo "XZ" puts the contacts of a nose on the spiral: give the nose of the tool'
             )
 
-    def _both_axes(
+    def _on_the_cut(
         self,
         start: PointPlan,
         tolerance: float,
-        annulus: tuple[float | None, float | None] | None,
-        parts: int,
+        servo: Servo,
+        region: Mapping[str, Any],
+        options: Mapping[str, Any],
     ) -> PointPlan:
-        """Return the plan whose count holds for X, azimuth and Z together, sought from one for Z."""
+        """Return the plan whose count holds on the surface that the nose cuts, sought from one for cut points."""
+        assert self.nose is not None  # noqa: S101  # a plan on the cut is one of a nose
+        edge = Edge.of(self.nose, self._way)
         power = 2.0 if start.path.interpolation == "linear" else 4.0
+        parts, most = options.get("sub_points", _PARTS), options.get("max_points", _MOST_BLOCKS)
         tried: dict[int, float] = {}
         fewest = int(start.tried.min())
-        n, over, under = (
-            start.n_points,
-            0,
-            0,
-        )  # over: the largest that fails; under: the smallest that holds
+        # over: the largest that fails; under: the smallest that holds
+        n, over, under = start.n_points, 0, 0
         for _ in range(_MOST_COUNTS):
-            spiral = self._counted(start.path, n)
-            made = self._error_map(spiral, "XZ", parts)
-            tried[n] = error = made.peak_to_valley(annulus=annulus)
+            path = self._error_map(self._counted(start.path, n), servo, parts)
+            made = on_the_cut(path, self.form, edge, servo, tolerance)
+            tried[n] = error = made.peak_to_valley(**region)
             over, under = (over, n) if error <= tolerance else (max(over, n), under)
             if under == n and error > _NEARLY * tolerance:
                 break
@@ -357,17 +339,22 @@ class TurningJob:
                 n = min(max(n, over + 1, fewest), under - 1)
             elif n <= over:
                 n = math.ceil(1.05 * over)
+            if n > most:
+                break
         if not under:
             raise LimitError(
-                f"no number of blocks was found that holds {tolerance:.6g} m P-V with servo XZ; {over} leave "
-                f"{tried[over]:.6g} m: take a larger tolerance"
+                f"no number of blocks up to {most} was found that holds {tolerance:.6g} m P-V on the surface that "
+                f"the nose cuts; {over} leave {tried[over]:.6g} m: take a larger tolerance"
             )
         counts = np.array(sorted(tried), dtype=np.int64)
-        said = "the P-V is that of the tip with X, azimuth and Z between the points as the control joins them"
+        above = [tried[k] for k in counts[counts > under].tolist()]
+        said = (
+            "the P-V is that of the surface that is cut, without cusps: the tip between the points as the control "
+            "joins them, less what the turns on either side cut away"
+        )
         return PointPlan(
             under, self._counted(start.path, under), tried[under], tolerance, counts,
-            np.array([tried[k] for k in counts.tolist()]), not (counts[counts > under].size and max(
-                tried[k] for k in counts[counts > under].tolist()) > tolerance),
+            np.array([tried[k] for k in counts.tolist()]), max(above, default=0.0) <= tolerance,
             (*start.path.messages, said),
         )  # fmt: skip
 
@@ -422,6 +409,7 @@ class TurningJob:
         *,
         tool: ToolSetting | None = None,
         follow_up: FollowUp | FollowUpMap | float | None = None,
+        follow_up_x: FollowUp | FollowUpMap | None = None,
         others: Sequence[Contribution] = (),
         removed: Sequence[str] = (),
         sub_points: int = _PARTS,
@@ -438,6 +426,8 @@ class TurningJob:
             error with dx, dy and dR, drawn with their covariance.
         follow_up : FollowUp, FollowUpMap or float, optional
             A log of the dry run with places on the part, or a P-V in m.
+        follow_up_x : FollowUp or FollowUpMap, optional
+            The same of X, positive outwards: it acts as minus the slope along X times it.
         others : sequence of Contribution, optional
             Further causes, maps at the points of this prediction or P-Vs.
         removed : sequence of {"piston", "tilt"}, optional
@@ -471,6 +461,7 @@ class TurningJob:
         """
         spiral = self._own(path)
         _check_causes(tool, follow_up, float_too=True)
+        _check_causes(None, follow_up_x, float_too=False)
         if not isinstance(others, list | tuple):
             raise DataError(f"others must be a list of contributions, got {type(others).__name__}")
         removed = checked_removed(removed)
@@ -496,6 +487,13 @@ class TurningJob:
             causes.append(cause_of("follow-up", z, rho, azimuth, weights, removed))
         elif follow_up is not None:
             causes.append(Contribution("follow-up", follow_up))
+        if follow_up_x is not None:
+            off = on_spiral(follow_up_x, spiral, rho, messages)
+            # dZ/dX of the tip is the slope at its contact; with XZ the samples are contacts
+            surface = self.form if servo == "XZ" else self._surface
+            gx, gy = surface.gradient(rho * np.cos(azimuth), rho * np.sin(azimuth))
+            z = -(np.cos(azimuth) * gx + np.sin(azimuth) * gy) * off
+            causes.append(cause_of("follow-up of X", z, rho, azimuth, weights, removed))
         causes += list(others)
         budget = ErrorBudget(causes, weights=weights)
         messages += budget.messages
@@ -616,6 +614,7 @@ class TurningJob:
         *,
         tool: ToolSetting | None = None,
         follow_up: FollowUp | FollowUpMap | None = None,
+        follow_up_x: FollowUp | FollowUpMap | None = None,
         gain: float = 1.0,
         servo: Servo = "Z",
     ) -> TurningProgram:
@@ -626,12 +625,14 @@ class TurningJob:
         tool : ToolSetting, optional
             What the errors of the setting are.
         follow_up : FollowUp or FollowUpMap, optional
-            Log of the dry run with places on the part; its negative is added.
+            Log of the dry run with places on the part; its negative is added to Z.
+        follow_up_x : FollowUp or FollowUpMap, optional
+            The same of X, positive outwards; with servo "XZ" only, for X follows nothing otherwise.
         gain : float, optional
             Share of the follow-up error that is taken, above 0 and at most 1.
         servo : {"Z", "XZ"}, optional
             What follows the surface, as of `program`: with "XZ" the contacts of the tool as it is set lie on
-            the spiral, and X makes up for it too. A log is one of Z in both.
+            the spiral, and X makes up for it too.
 
         Returns
         -------
@@ -642,8 +643,8 @@ class TurningJob:
         Raises
         ------
         DataError
-            If there is nothing to make up for, an argument cannot be used, the path is of another job, or
-            the log is of another spiral, starts late, has a long hole or no sample on the part.
+            If there is nothing to make up for, an argument cannot be used, the path is of another job, a log of
+            X is given and X follows nothing, or the log is of another spiral, starts late, has a long hole or no sample on the part.
         NotConvergedError
             If the setting cannot be inverted.
         LimitError
@@ -664,11 +665,17 @@ class TurningJob:
                 "nose"
             )
         _check_causes(tool, follow_up, float_too=False)
+        _check_causes(None, follow_up_x, float_too=False)
         gain = numbers.positive(numbers.between(gain, "gain", 0.0, 1.0), "gain")
         spiral = self._own(path)
         numbers.choice(servo, "servo", get_args(Servo))
         if servo == "XZ":
-            return self._compensated_both(spiral, tool, follow_up, gain)
+            return self._compensated_both(spiral, tool, follow_up, follow_up_x, gain)
+        if follow_up_x is not None:
+            raise DataError(
+                'a log of X is made up for by X, and with servo "Z" X follows nothing: take servo "XZ", or leave '
+                "follow_up_x out"
+            )
         points = spiral.points(self._surface)
         if self.nose is None:
             change, residual, messages = self._cut_points(points, tool)
@@ -704,6 +711,7 @@ class TurningJob:
         spiral: SpiralPath,
         tool: ToolSetting | None,
         follow_up: FollowUp | FollowUpMap | None,
+        follow_up_x: FollowUp | FollowUpMap | None,
         gain: float,
     ) -> TurningProgram:
         """Return the program of X and Z whose contacts, of the tool as it is set, lie on the spiral."""
@@ -711,20 +719,22 @@ class TurningJob:
         assert self.nose is not None  # noqa: S101  # just seen
         _refuse_fitted(spiral)
         nominal = self.program(spiral, servo="XZ")
+        places = self._course(spiral)[0]
         X, azimuth, Z, said = nominal.X, nominal.azimuth, nominal.Z, [*nominal.messages]
         residual: dict[str, float] = {}
         audit: dict[str, Any] = {"n_points": X.size, "gain": gain, "servo": "XZ", **self._tool()}
         if tool is not None:
             edge = Edge.of(self.nose, self.sense, tool)
-            rho, theta, _, _ = self._course(spiral)
-            X, azimuth, Z, _ = contact_path(self.form, rho, theta, edge)
+            theta = self._course(spiral)[1]
+            X, azimuth, Z, _ = contact_path(self.form, places, theta, edge)
             made = tips(self.form, X, azimuth, edge, strict=True)
             _, residual, unknown = left_over(tool, edge.by_setting(made), np.abs(made.rho))
             said += [*(f"tool setting: {m}" for m in tool.messages), *unknown]
             audit |= {f"{n}_um": getattr(tool, n) * 1e6 for n in ("dx", "dy", "dR")}
         if follow_up is not None:
-            rho = self._course(spiral)[0]
-            Z = Z - gain * held_on_points(follow_up, spiral, rho, said)
+            Z = Z - gain * held_on_points(follow_up, spiral, places, said)
+        if follow_up_x is not None:
+            X = X - gain * held_on_points(follow_up_x, spiral, places, said)
         rates = None
         if spiral.interpolation == "pvt":
             rates = frozen(np.stack([knot_slopes(nominal.t, v) for v in (X, azimuth, Z)]))

@@ -56,6 +56,12 @@ _ON_AXIS = 1e-12
 _ALIKE = 1e-10
 """m: contacts whose heights differ by less are there at once."""
 _MOST_STEPS, _ANGLE_STEPS = 60, 6
+_TINY_ANGLE = 1e-9
+"""rad: after a step of Newton's as short the next one is lost in rounding."""
+_ANCHORS = 8
+"""Of moments along a course every so many are searched all along the edge; those between start from them."""
+_NEAR, _SETTLED, _PROBE = 0.02, 1e-5, 1e-4
+"""rad: how far Newton may go from where it starts; its last step, R psi^2 / 2 is 0.05 pm; of its difference."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -241,7 +247,10 @@ class Edge:
         for _ in range(
             _ANGLE_STEPS
         ):  # the first guess is off by what waviness and yaw do, some mrad
-            psi = psi - (self.point(psi)[0] - x) / self.tangent(psi)[0]
+            step = (self.point(psi)[0] - x) / self.tangent(psi)[0]
+            psi = psi - step
+            if not (np.abs(step) > _TINY_ANGLE).any():
+                break
         return np.asarray(psi)
 
     def by_setting(self, made: TipPath) -> FloatArray:
@@ -290,6 +299,60 @@ def tips(
         columns[:, part], contacts[part] = rows, counts
     z, psi, rho, theta, along_x, along_y = columns
     return TipPath(x, phi, z, psi, rho, theta, along_x, along_y, contacts, step, seen.messages())
+
+
+def tips_along(form: Form, x: FloatArray, phi: FloatArray, edge: Edge, *, strict: bool) -> TipPath:
+    """Return what `tips` does at places that follow one another closely; contacts of most by Newton from others'.
+
+    Every eighth is searched all along the edge. Between two that touch once, and alike, Newton starts from
+    their contacts; wherever it does not settle on a maximum nearby the edge is searched too.
+    """
+    n, ends = x.size, np.unique(np.append(np.arange(0, x.size, _ANCHORS), x.size - 1))
+    if n <= 2 * _ANCHORS:
+        return tips(form, x, phi, edge, strict=strict)
+    known = tips(form, x[ends], phi[ends], edge, strict=strict)
+    sure = known.contacts == 1
+    psi = np.interp(np.arange(n), ends, np.where(sure, known.psi, np.nan))
+    psi, found = near_contacts(form, x, phi, edge, psi)
+    found[ends] = False
+    rows = np.full((6, n), np.nan)
+    at = np.flatnonzero(found)
+    rows[:, at] = _rows(
+        form, x[at], phi[at], edge, psi[at], _gap(form, x[at], phi[at], edge, psi[at])
+    )
+    contacts = found.astype(np.int64)
+    found[ends] = True
+    rest = np.flatnonzero(~found)
+    searched = [(ends, known)]
+    if rest.size:
+        searched.append((rest, tips(form, x[rest], phi[rest], edge, strict=strict)))
+    for which, made in searched:
+        rows[:, which] = made.z, made.psi, made.rho, made.theta, made.along_x, made.along_y
+        contacts[which] = made.contacts
+    z, angle, rho, theta, along_x, along_y = rows
+    said = dict.fromkeys(m for _, made in searched for m in made.messages)
+    return TipPath(
+        x, phi, z, angle, rho, theta, along_x, along_y, contacts, known.step, tuple(said)
+    )
+
+
+def near_contacts(
+    form: Form, x: FloatArray, phi: FloatArray, edge: Edge, psi: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return where S(P) - z is stationary near angles of the edge, and whether that is a maximum within it."""
+    start = psi
+    with np.errstate(invalid="ignore", divide="ignore"):
+        here = _rise(form, x, phi, edge, psi)
+        bend = (_rise(form, x, phi, edge, psi + _PROBE) - here) / _PROBE
+        step = -here / bend
+        psi = psi + step
+        for _ in range(2):
+            step = -_rise(form, x, phi, edge, psi) / bend
+            psi = psi + step
+        inside = (psi > edge.low + _PROBE) & (psi < edge.high - _PROBE)
+        return psi, inside & (bend < 0.0) & (np.abs(step) < _SETTLED) & (
+            np.abs(psi - start) < _NEAR
+        )
 
 
 def tip_heights(
@@ -441,16 +504,25 @@ def _touched(
         ):
             whole[at] = part
     psi, height, border, contacts = near
+    rows = _rows(form, x, phi, edge, psi, height)
+    air = np.isnan(rows[0])
+    # the last angle of a whole nose is vertical: no slope reaches it
+    beyond = (edge.high - psi <= _CLOSE) | (psi - edge.low <= _CLOSE)
+    return rows, beyond, border & ~air, np.where(air, 0, contacts)
+
+
+def _rows(
+    form: Form, x: FloatArray, phi: FloatArray, edge: Edge, psi: FloatArray, height: FloatArray
+) -> FloatArray:
+    """Return rows z, psi, rho, theta, sX, sY of contacts."""
     px, py, _ = edge.point(psi)
     c, s = np.cos(phi), np.sin(phi)
     slopes = form.slopes((x + px) * c - py * s, (x + px) * s + py * c)
     z = np.where(np.isneginf(height), np.nan, height)
     rho = np.copysign(np.hypot(x + px, py), x + px)
     theta = phi + np.arctan(py / np.where(x + px == 0.0, math.inf, x + px))
-    rows = (z, psi, rho, theta, c * slopes[0] + s * slopes[1], c * slopes[1] - s * slopes[0])
-    # the last angle of a whole nose is vertical: no slope reaches it
-    beyond = (edge.high - psi <= _CLOSE) | (psi - edge.low <= _CLOSE)
-    return np.stack(rows), beyond, border & ~np.isnan(z), np.where(np.isnan(z), 0, contacts)
+    along = c * slopes[0] + s * slopes[1], c * slopes[1] - s * slopes[0]
+    return np.stack([z, psi, rho, theta, *along])
 
 
 def _highest(
@@ -538,15 +610,9 @@ def _refined(
     behind: FloatArray,
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return the angle where S(P) - z is stationary beside the greatest sample, and if on a border."""
-    c, s = np.cos(phi), np.sin(phi)
 
     def rise(psi: FloatArray) -> FloatArray:
-        # (1/R) dF/dpsi = (sX x' + sY y' - z') / R
-        px, py, _ = edge.point(psi)
-        ex, ey, ez = edge.tangent(psi)
-        tx, ty = form.slopes((x + px) * c - py * s, (x + px) * s + py * c)
-        sx, sy = c * tx + s * ty, c * ty - s * tx
-        return (sx * ex + sy * ey - ez) / edge.radius
+        return _rise(form, x, phi, edge, psi)
 
     inner = rise(start)
     up = inner > 0.0
@@ -571,6 +637,16 @@ def _refined(
         exact = now == 0.0
         near, far = np.where(exact, psi, near), np.where(exact, psi, far)
     return near, off & (d_near > math.sqrt(_CLOSE))
+
+
+def _rise(form: Form, x: FloatArray, phi: FloatArray, edge: Edge, psi: FloatArray) -> FloatArray:
+    """Return (1/R) dF/dpsi of F = S(P) - z: (sX x' + sY y' - z') / R."""
+    c, s = np.cos(phi), np.sin(phi)
+    px, py, _ = edge.point(psi)
+    ex, ey, ez = edge.tangent(psi)
+    tx, ty = form.slopes((x + px) * c - py * s, (x + px) * s + py * c)
+    sx, sy = c * tx + s * ty, c * ty - s * tx
+    return np.asarray((sx * ex + sy * ey - ez) / edge.radius)
 
 
 class TipSurface:

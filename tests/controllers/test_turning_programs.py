@@ -499,6 +499,9 @@ def test_one_bump_and_one_wrong_point_of_a_large_part_are_found():
     other = TurningProgram(X, -turn, wrong, turn, "tip", "spline")
     found = check_program(other, nose, form, planned=made, places=100)
     assert found.difference == pytest.approx(2 * NM, abs=0.01 * NM)
+    assert "too high from point 7321 on (X = 5.334 mm, azimuth 251.1 degrees)" in " ".join(
+        found.messages
+    )
     moved = X.copy()
     moved[7321] += 50 * NM  # at its contact a slope of some percent
     found = check_program(
@@ -544,8 +547,25 @@ def test_a_program_that_was_cut_short_is_named(tmp_path):
     file.write_text(whole)
     assert read_program(file, axes, quantity="tip").X.size == 3
 
-    # after a block, and within its last word: F6 is a word, too
-    for kept in (whole[: whole.index("M30")], whole[: whole.rindex("F60") + 2]):
+    # within a line, and within its last word: F6 is a word, too; a file of our own has its M30
+    block = whole.rindex("F60")
+    mark = "(METROSEP TURNING PROGRAM)\n"
+    for kept, why in (
+        (whole[: block + 2], "line 4 .*may have lost digits"),
+        (whole[: block + 3], "line 4 .*may have lost digits"),
+        (whole[: block - 1].replace(" F", "F"), "G93 has no F"),
+        (mark + whole.replace("M30\n", ""), "line 5 without the M30 that metrosep wrote"),
+    ):
         file.write_text(kept)
-        with pytest.raises(CorruptFileError, match=r"line 4.*cut short"):
+        with pytest.raises((CorruptFileError, DataError), match=why):
             read_program(file, axes, quantity="tip")
+
+
+@pytest.mark.parametrize("end", ["M2\n", "M99\n", "%\n", "M17\n", "RET\n", "M30", ""])
+def test_a_program_of_others_ends_as_it_likes(tmp_path, end):
+    file = tmp_path / "part.nc"
+    file.write_text("%\n" + GOOD.replace("M30\n", end))
+    found = read_program(file, NGC)
+    assert len(found) == 4
+    said = " ".join(found.messages)
+    assert ("ends at line 7 without M30, M2, M99 or %, at X 2.7 Z 0.1" in said) is (not end)

@@ -414,6 +414,26 @@ def test_the_fewest_points_hold_their_tolerance_on_the_part_cut_from_the_bytes(
     assert 0.7 * tolerance < np.ptp(left) <= tolerance
 
 
+def test_turns_that_cut_away_what_their_neighbours_leave_save_points():
+    """Turns 1 um apart, points of one beside those of the next: an envelope of the test holds the tolerance."""
+    tolerance, core = 40 * NM, 1.155e-3
+    grid = Expression("3e-6*(sin(2*pi*x/7e-4)+cos(2*pi*y/7e-4))")
+    job = TurningJob(grid, 1.2e-3, 1e-6, rpm=60, core=core, nose=RoundNose(SMALL), sense="clockwise")  # fmt: skip
+    plan = job.plan(tolerance, interpolation="spline")
+    program = job.program(plan)
+    rng = np.random.default_rng(6)
+    # not counted by a plan: the free end of the spline before the rim digs 106 nm, 6 um into the part
+    rho, theta = rng.uniform(core + 18e-6, 1.2e-3 - 18e-6, 2000), rng.uniform(-np.pi, np.pi, 2000)
+    through = (CubicSpline(program.t, v) for v in (program.X, program.azimuth, program.Z))
+    t = np.linspace(program.t[0], program.t[-1], 40 * len(program))
+    left = envelope(*(f(t) for f in through), rho, theta)
+    left -= grid(rho * np.cos(theta), rho * np.sin(theta))
+    cusp = 0.6 * NM  # (1 um)^2 / (8 * 0.3 mm), and a little for the hollows
+    assert 0.7 * tolerance < np.ptp(left) <= tolerance + cusp
+    # the tip itself is off by more between its points
+    assert job.predict(plan).budget.contributions[0].pv > 1.1 * tolerance
+
+
 RIPPLES = Expression("5*x**2+8*y**2+4e-7*sin(2*pi*y/1.5e-4)")
 
 

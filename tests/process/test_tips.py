@@ -8,7 +8,7 @@ import pytest
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError, UnitError
 from metrosep.forms import Expression, SineGrid, Sphere, Toric
 from metrosep.process import RoundNose, tip_path
-from metrosep.process.tips import Edge, TipSurface
+from metrosep.process.tips import Edge, TipSurface, tips, tips_along
 
 NM, UM, MM = 1e-9, 1e-6, 1e-3
 R = 0.6e-3
@@ -110,6 +110,21 @@ def test_the_gradient_of_the_tips_is_that_of_their_heights():
         along_x, along_y = tips.gradient(x, y)
         assert along_x == pytest.approx((tips(x + h, y) - tips(x - h, y)) / (2 * h), abs=1e-8)
         assert along_y == pytest.approx((tips(x, y + h) - tips(x, y - h)) / (2 * h), abs=1e-8)
+
+
+@pytest.mark.parametrize("form", [WAVES, CREST, TORUS])
+def test_contacts_along_a_course_are_those_of_every_place_alone(form):
+    """Also where the contact jumps to a crest, and beyond the window of the nose: the edge is searched there."""
+    phi = np.linspace(-0.3, 0.3, 700)
+    x = 2.9e-3 - 1e-4 * (phi + 0.3)
+    nose = RoundNose(R, math.radians(-30), window=math.radians(20))
+    edge = Edge.of(nose, "clockwise")
+    alone, along = (f(form, x, phi, edge, strict=False) for f in (tips, tips_along))
+    assert (along.contacts == alone.contacts).all()
+    for name, close in (("z", 1e-16), ("rho", 1e-11), ("theta", 1e-8), ("along_x", 1e-8)):
+        wanted = getattr(alone, name)
+        np.testing.assert_allclose(getattr(along, name), wanted, rtol=0, atol=close)
+    assert along.messages == alone.messages
 
 
 def test_what_the_path_cannot_do_is_said_or_refused():

@@ -9,6 +9,7 @@ from metrosep.core.errors import DataError
 from metrosep.forms import Expression, Sphere, Toric
 from metrosep.process import (
     EdgeProfile,
+    FollowUpMap,
     RoundNose,
     ToolSetting,
     TurningJob,
@@ -450,7 +451,7 @@ class OnSpindle(Brute):
 @pytest.mark.parametrize("rake", [0.0, -20.0])
 def test_terms_of_a_machine_are_cut_as_spindle_and_slide_move(rake, rng):
     """EXC, EYC, EZC, EBC and EYX, EZX at once, each with its own shape and sign."""
-    from metrosep.machine import CallableTerm, presets
+    from metrosep.machine import CallableTerm, ErrorSet, PolynomialTerm, presets
     from metrosep.process import cut_budget, machine_deviations
 
     shift = lambda c: (  # noqa: E731
@@ -489,6 +490,55 @@ def test_terms_of_a_machine_are_cut_as_spindle_and_slide_move(rake, rng):
         z = other.lowest(rho[k] * np.exp(1j * theta[k]), times[near])
         # the edge turns with the tilt, by 0.1 mm times 6 urad
         assert found.full.z[k] == pytest.approx(z, abs=0.8 * NM)
+    # an uncertainty of a term is a mode of its map: of a slide known to 0.2 um and 1 um per 10 mm
+    known = ErrorSet(
+        {"EYX": PolynomialTerm([0.5e-6], covariance=[[4e-14]]), "EXC": 0.1e-6}, u={"EXC": 0.3e-6}
+    )
+    moves = machine_deviations(made, presets("sts_lathe", spindle_errors="fixed"), known)
+    slid = cut_budget(made, nose, x, y, form=form, deviation=moves).budget.contributions[1:]
+    sY = (28 * y + 3 * x) * np.cos(theta) - (18 * x + 3 * y + 6e-3) * np.sin(theta)
+    np.testing.assert_allclose(slid[0].modes[0], -sY * 0.2e-6, rtol=0, atol=0.1 * NM)
+    assert slid[1].modes[0] == pytest.approx(3.0 * slid[1].map, abs=1e-15)
+    assert slid[1].u > 0.3 * slid[1].pv
     wrong = {"C": made.azimuth, "X": made.X, "Z": made.Z}
     with pytest.raises(DataError, match="opposite ways: c_positive"):
         machine_deviations(made, presets("sts_lathe"), errors, positions=wrong)
+
+
+def test_a_log_of_both_axes_is_made_up_for_in_both(rng):
+    """The machine does its errors again: X and Z of the course are off by them, and cusps only are left."""
+    nose = RoundNose(0.5e-3, math.radians(-20))
+    bowl = Expression("9*x**2+14*y**2+3*x*y+6e-3*x")
+    job = TurningJob(bowl, 1.2e-3, 8e-6, rpm=60, core=0.9e-3, nose=nose, sense="clockwise")
+    path = job.path(step=2 * np.pi / 90)
+    turned = np.arange(0.0, 2 * np.pi * 37.6, 0.02)
+    rho, off = 1.2e-3 - 8e-6 * turned / (2 * np.pi), {}
+    off["X"] = lambda a: 1.2e-6 * np.cos(a + 0.3) + 0.4e-6 * np.sin(2 * a)
+    off["Z"] = lambda a: 30e-9 * np.sin(a - 0.5) + 8e-9
+    x_log, z_log = (FollowUpMap(rho, -turned, off[a](turned)) for a in "XZ")
+    rho, theta = rng.uniform(0.98e-3, 1.12e-3, 30), rng.uniform(-3.0, 3.0, 30)
+    x, y = rho * np.cos(theta), rho * np.sin(theta)
+
+    def left(program, ways=(1.0, 1.0)):
+        a = 2 * np.pi * (1.2e-3 - job.program(path).X) / 8e-6  # of the moment, by the plain spiral
+        X, Z = (getattr(program, n) + w * off[n](a) for n, w in zip("XZ", ways, strict=True))
+        course = TurningProgram(X, program.azimuth, Z, program.t, "tip", program.interpolation)
+        return virtual_cut(course, nose, x, y, form=bowl).error
+
+    plain = job.program(path, servo="XZ")
+    z_only, both = (
+        job.compensated(path, follow_up=z_log, follow_up_x=o, servo="XZ") for o in (None, x_log)
+    )
+    clean = left(plain, (0.0, 0.0))
+    np.testing.assert_allclose(left(both), clean, rtol=0, atol=0.02 * NM)  # lines between samples
+    assert np.ptp(left(z_only) - clean) > 10 * NM
+    assert np.ptp(left(both, (-1.0, 1.0)) - clean) > 1.8 * np.ptp(left(z_only) - clean)
+    # what X does acts by the slope there
+    made = job.predict(path, follow_up=z_log, follow_up_x=x_log, servo="XZ")
+    found = made.maps["follow-up of X"]
+    c, s = np.cos(made.azimuth), np.sin(made.azimuth)
+    slope = c * (18 * made.x + 3 * made.y + 6e-3) + s * (28 * made.y + 3 * made.x)
+    wanted = -slope * off["X"](2 * np.pi * (1.2e-3 - made.rho) / 8e-6)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=0.01 * NM)
+    with pytest.raises(DataError, match='with servo "Z" X follows nothing'):
+        job.compensated(path, follow_up_x=x_log)

@@ -432,6 +432,10 @@ def test_a_part_shows_a_term_of_the_machine_or_not(spindle, part, there):
             "opposite ways: c_positive",
         ),
         ('machine = "mill_xyz"\nerrors = { EZX = "50 nm" }', "has no axis C: it turns nothing"),
+        (
+            'machine = "sts_lathe"\nerrors = { EZX = "5 nm", u_EYX = "1 nm" }',
+            "u of 'EYX' belongs to no term",
+        ),
     ],
 )
 def test_a_machine_that_does_not_fit_the_program_is_refused(tmp_path, capsys, words, said):

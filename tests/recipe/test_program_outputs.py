@@ -139,3 +139,47 @@ def test_a_program_that_cannot_be_written_is_refused_before_it_is_to_be_written(
         Recipe.parse(refused, folder=tmp_path).run(None)
     assert str(found.value).startswith("part.nc")  # the folder in which it was tried is of no use
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_log_of_both_axes_moves_both_in_the_file(tmp_path):
+    """60 rpm: X ends 0.8 um too far out at azimuth 0 and the tool goes round clockwise; the file takes it off."""
+    t = np.arange(0.0, 30.5, 0.01)
+    x = 1400.0 - 10.0 * t
+    ex, z = 0.8 * np.cos(2 * np.pi * t), recipe_heights(x * 1e-6, -2 * np.pi * t) * 1e6
+    rows = [
+        f"{a:.3f},{b:.6f},{b + c:.6f},{d:.7f},{d + 0.01:.7f}"
+        for a, b, c, d in zip(t, x, ex, z, strict=True)
+    ]
+    (tmp_path / "log.csv").write_text("t_s,x_um,xa_um,z_um,za_um\n" + "\n".join(rows) + "\n")
+    log = (
+        'follow_up = "log.csv"\nlog_command = "z_um"\nlog_actual = "za_um"\n'
+        'log_x_command = "x_um"\nlog_x_actual = "xa_um"\n'
+    )
+    both = STEP.replace("rpm = 60\n", 'rpm = 60\nservo = "XZ"\n')
+    words = {}
+    for name, text in (("plain", both), ("both", both + log)):
+        made = run(text + OUTPUT, tmp_path / name if name == "plain" else tmp_path)
+        folder = tmp_path / name if name == "plain" else tmp_path
+        found = re.findall(
+            r"^(?:G1 )?X([\d.]+) C([-\d.]+) Z([-\d.]+) F",
+            (folder / "out" / "part.nc").read_text(),
+            re.MULTILINE,
+        )
+        words[name] = np.array(found, dtype=float).T
+    change = words["both"] - words["plain"]
+    azimuth = -np.radians(words["plain"][1])
+    inside = slice(10, -400)
+    assert np.abs(change[0] * 1e3 + 0.8 * np.cos(azimuth))[inside].max() < 5e-3  # um
+    assert np.abs(change[2] * 1e3 + 0.01)[inside].max() < 2e-4
+    assert "follow-up of X" in json.dumps(made.document)
+    # X follows nothing with servo Z, and says so; one column of X is not enough
+    made = run(STEP + log, tmp_path)
+    assert any("NOT corrected for what X does" in m for m in made.document["messages"])
+    with pytest.raises(DataError, match="give both"):
+        run(STEP + log.replace('log_x_actual = "xa_um"\n', ""), tmp_path)
+
+
+def recipe_heights(rho, phi):
+    """Return the form of `STEP` along a course."""
+    x, y = rho * np.cos(phi), rho * np.sin(phi)
+    return 9 * x**2 + 14 * y**2 + 3 * x * y + 6e-3 * x + 2e-6 * np.sin(2 * np.pi * y / 9e-4)

@@ -23,7 +23,7 @@ import numpy as np
 from metrosep.controllers.base import paired_stream, sidecar_path
 from metrosep.controllers.gcode.columns import require_hash
 from metrosep.controllers.gcode.lathe import LatheAxes, rounding_error
-from metrosep.controllers.gcode.turning_reader import read_program
+from metrosep.controllers.gcode.turning_reader import MARK, read_program
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, TableError
@@ -48,14 +48,15 @@ __all__ = ["ProgramCheck", "WrittenProgram", "check_program", "write_program"]
 Kind = Literal["gcode", "pmac", "points"]
 """Blocks with G1; PVT blocks of a PMAC; a list of points as CSV."""
 
-_MARK = "METROSEP TURNING PROGRAM"
 _APPROACH = 10.0
 """s: of the first block, which comes from wherever the tool stands."""
 _SLACK = 0.2e-9
 """m: what a check may find beyond what is predicted."""
 _PLACES, _SEED = 20_000, 2020
 _MOST_LOOKS = 900_000
-"""Blocks above which each is looked at in its middle only."""
+"""Looks along a program: blocks are looked at as often as that allows, but twice up to `_TWICE` blocks."""
+_TWICE = 1_000_000
+"""Blocks that are looked at where they begin and in their middle; of more than that, the middle only."""
 _WHOLE_MS = 1e-9
 _MARGIN = 0.02
 """Turns: by that the lean of the edge and rounding move the deciding moment."""
@@ -64,6 +65,8 @@ _GEOMETRY = (
     "of corners by the control are not in it"
 )
 _ROWS = 50_000
+"""Points whose words are worked out at once."""
+_ALL = slice(None)
 _LONGEST = 200
 """Characters of a comment; some controls take 256 in a block."""
 _SLOWEST = 0.1
@@ -309,9 +312,9 @@ def _head(
     c_way = "rises" if (program.sense == "counterclockwise") == (axes.way > 0.0) else "falls"
     points = hashlib.sha256()
     for column in (program.X, program.azimuth, program.Z, program.t):
-        points.update(column.tobytes())
+        points.update(np.ascontiguousarray(column).data)
     lines = [
-        _MARK,
+        MARK,
         f"quantity {program.quantity}",
         f"interpolation {program.interpolation}",
         tool,
@@ -344,17 +347,25 @@ def _plain(text: str) -> str:
     return ascii_.replace("(", "[").replace(")", "]").replace("\n", " ")
 
 
-def _words(program: TurningProgram, axes: LatheAxes) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _words(
+    program: TurningProgram, axes: LatheAxes, part: slice = _ALL
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return X, C in degrees and Z in the units of the file."""
-    c = np.degrees(axes.c_of(program.azimuth))
+    c = np.degrees(axes.c_of(program.azimuth[part]))
     if axes.c_wraps:
         c = np.mod(np.round(c, axes.c_decimals), 360.0)
     columns = (
-        (program.X / axes.x_scale, axes.x_decimals), (c, axes.c_decimals),
-        (program.Z / axes.z_scale, axes.z_decimals),
+        (program.X[part] / axes.x_scale, axes.x_decimals), (c, axes.c_decimals),
+        (program.Z[part] / axes.z_scale, axes.z_decimals),
     )  # fmt: skip
     x, c, z = (np.round(v, digits) + 0.0 for v, digits in columns)  # no minus zero
     return x, c, z
+
+
+def _pieces(n: int) -> Iterator[slice]:
+    """Yield parts of n points, each with the last point of the one before."""
+    for first in range(0, n - 1, _ROWS):
+        yield slice(first, min(first + _ROWS, n - 1) + 1)
 
 
 def _in_rows(*columns: FloatArray) -> Iterator[tuple[float, ...]]:
@@ -364,57 +375,73 @@ def _in_rows(*columns: FloatArray) -> Iterator[tuple[float, ...]]:
 
 
 def _gcode(program: TurningProgram, axes: LatheAxes) -> Iterator[str]:
-    x, c, z = _words(program, axes)
-    times = np.diff(program.t, prepend=program.t[0] - _APPROACH)
+    low, high = 1.0, 0.0
+    for part in _pieces(len(program)):
+        feeds = _feeds(program, axes, part)
+        low = min(low, float(feeds[feeds > 0.0].min(initial=1.0)))
+        high = max(high, float(feeds.max()))
+    # nine digits, and never an exponent: a control reads its E as another word
+    plain = low >= 1e-4 and high < 1e9
+    digits = "9g" if plain else f"{max(0, 8 - math.floor(math.log10(low)))}f"
+    yield "G90 " + ("G21" if axes.unit == "mm" else "G20")
+    yield ("G93" if axes.feed == "G93" else "G94") + " G61"
+    shape = f"X{{:.{axes.x_decimals}f}} C{{:.{axes.c_decimals}f}} Z{{:.{axes.z_decimals}f}} F{{:.{digits}}}"
+    for part in _pieces(len(program)):
+        rows = _in_rows(*_words(program, axes, part), _feeds(program, axes, part))
+        row = next(rows)
+        if part.start == 0:
+            yield "G1 " + shape.format(*row)
+            if axes.spline_word:
+                yield f"{axes.spline_word} BAUTO EAUTO"
+        for row in rows:
+            yield shape.format(*row)
+    yield "M30"
+
+
+def _feeds(program: TurningProgram, axes: LatheAxes, part: slice) -> FloatArray:
+    """Return the F words of points; that of the first is one of the approach."""
+    times = np.diff(program.t[part], prepend=program.t[part.start] - _APPROACH)
     if axes.feed == "G93":
         unit = axes.require_inverse_time()
-        feeds = {"1/min": 60.0 / times, "s": times, "1/s": 1.0 / times}[unit]
-    elif axes.feed == "G94":
-        rounded = x * axes.x_scale, z * axes.z_scale
-        way = np.hypot(*(np.diff(v, prepend=v[0]) for v in rounded))
-        if (way[1:] == 0.0).any():
-            at = int(np.argmax(way[1:] == 0.0)) + 1
+        return np.asarray({"1/min": 60.0 / times, "s": times, "1/s": 1.0 / times}[unit])
+    if axes.feed == "G94":
+        way = _way(program, axes, part)
+        if (way == 0.0).any():
+            at = part.start + int(np.argmax(way == 0.0)) + 1
             raise LimitError(
                 f"block {at} moves neither X nor Z by a last digit: G94 has no speed for it; write G93, or "
                 "more digits"
             )
-        feeds = way / axes.z_scale / times * 60.0
+        way = way / axes.z_scale
     else:
-        feeds = (
-            np.degrees(np.abs(np.diff(program.azimuth, prepend=program.azimuth[0]))) / times * 60.0
-        )
+        way = np.degrees(np.abs(np.diff(program.azimuth[part])))
     # to the first point: a millimetre or a degree in a second, whatever the unit of the words is
-    if axes.feed != "G93":
-        feeds[0] = 60.0 if axes.feed != "G94" else 60.0 * 1e-3 / axes.z_scale
-    # nine digits, and never an exponent: a control reads its E as another word
-    small = feeds[feeds > 0.0].min(initial=1.0)
-    plain = small >= 1e-4 and feeds.max() < 1e9
-    digits = "9g" if plain else f"{max(0, 8 - math.floor(math.log10(small)))}f"
-    yield "G90 " + ("G21" if axes.unit == "mm" else "G20")
-    yield ("G93" if axes.feed == "G93" else "G94") + " G61"
-    shape = f"X{{:.{axes.x_decimals}f}} C{{:.{axes.c_decimals}f}} Z{{:.{axes.z_decimals}f}} F{{:.{digits}}}"
-    rows = _in_rows(x, c, z, feeds)
-    yield "G1 " + shape.format(*next(rows))
-    if axes.spline_word:
-        yield f"{axes.spline_word} BAUTO EAUTO"
-    for row in rows:
-        yield shape.format(*row)
-    yield "M30"
+    first = 60.0 if axes.feed != "G94" else 60.0 * 1e-3 / axes.z_scale
+    return np.append(first, way / times[1:] * 60.0)
+
+
+def _way(program: TurningProgram, axes: LatheAxes, part: slice) -> FloatArray:
+    """Return how far words go along X and Z from point to point, m."""
+    x, _, z = _words(program, axes, part)
+    return np.hypot(np.diff(x * axes.x_scale), np.diff(z * axes.z_scale))
 
 
 def _too_slow(program: TurningProgram, axes: LatheAxes) -> tuple[str, ...]:
     """Return a message on blocks of G93 that LinuxCNC would run faster than they say."""
     if axes.feed != "G93" or axes.inverse_time != "1/min":
         return ()
-    x, _, z = _words(program, axes)
-    way = np.hypot(np.diff(x * axes.x_scale), np.diff(z * axes.z_scale)) / axes.z_scale
-    rate = way / np.diff(program.t) * 60.0
-    slow = (way > 0.0) & (rate < _SLOWEST)  # a block of C alone counts in degrees
-    if not slow.any():
+    count, slowest = 0, math.inf
+    for part in _pieces(len(program)):
+        way = _way(program, axes, part) / axes.z_scale
+        rate = way / np.diff(program.t[part]) * 60.0
+        slow = (way > 0.0) & (rate < _SLOWEST)  # a block of C alone counts in degrees
+        count += int(slow.sum())
+        slowest = min(slowest, float(rate[slow].min(initial=math.inf)))
+    if not count:
         return ()
     said = (
-        f"{int(slow.sum())} of {rate.size} blocks move X and Z slower than {_SLOWEST} {axes.unit}/min: "
-        f"LinuxCNC runs no block of G93 slower, and C would turn up to {_SLOWEST / rate[slow].min():.3g} "
+        f"{count} of {len(program) - 1} blocks move X and Z slower than {_SLOWEST} {axes.unit}/min: "
+        f"LinuxCNC runs no block of G93 slower, and C would turn up to {_SLOWEST / slowest:.3g} "
         'times too fast there; write feed = "G94" for it'
     )
     return (said,)
@@ -595,8 +622,8 @@ def check_program(
     -----
     The tip is compared with the lowest that cuts nothing within every block, and the part is cut where it
     is furthest off. Looks are as dense along the turns as the feed is across, but no more than 900,000 in
-    all and one a block or more: a feature shorter than `ProgramCheck.gap`, or narrower than the feed, may go
-    unseen. With `planned`
+    all; two a block (its beginning and its middle) up to a million blocks, one in the middle beyond: a feature
+    shorter than `ProgramCheck.gap`, or narrower than the feed, may go unseen. With `planned`
     every point is compared, acting at its contact.
     """
     low, high = region or touched_radii(program, nose, form)
@@ -613,7 +640,7 @@ def check_program(
     cut = np.isfinite(part.error)
     every = format_length(course.gap, digits=2)
     unseen = f"the tip is looked at every {every} along the turns or closer: a shorter bump may go unseen"
-    said = [_GEOMETRY, unseen]
+    said = [_GEOMETRY, unseen, *course.messages]
     cusp, left = math.nan, part.error[cut]
     if program.feed > 0.0:
         high_ = cusp_heights(
@@ -663,18 +690,28 @@ class _Course:
         self._program = program
         self._planned = planned if planned is not None and len(planned) == len(program) else None
         self.difference = 0.0
-        # along the turns as dense as they are across; odd, for lines are furthest off in the middle of a block
-        reach = np.maximum(np.abs(program.X[1:]), np.abs(program.X[:-1]))
-        way = np.hypot(np.diff(program.X), reach * np.diff(program.azimuth))
-        longest = float(way.max(initial=0.0))
+        # along the turns as dense as they are across; even, for a point is wrong where it is, and lines are
+        # furthest off in the middle of a block
+        longest = max(_longest(program, part) for part in _pieces(len(program)))
         wanted = longest / program.feed if program.feed > 0.0 else 1.0
-        most = max(1, _MOST_LOOKS // max(1, len(program)))
-        looks = int(min(max(3.0, math.ceil(wanted)), most))
-        looks -= 1 - looks % 2
+        most = max(2 if len(program) <= _TWICE else 1, _MOST_LOOKS // len(program))
+        looks = int(min(max(4.0, math.ceil(wanted)), most))
+        looks -= looks % 2 if looks > 1 else 0
         self.gap = longest / looks
-        pieces = course_pieces(program, form, edge, (np.arange(looks) + 0.5) / looks)
-        self.rho, self.theta, ends = worst_contacts(map(self._compared, pieces), region)
-        self.peak_to_valley = ends[1] - ends[0]
+        shares = np.arange(looks) / looks if looks > 1 else np.array([0.5])
+        pieces = course_pieces(program, form, edge, shares)
+        found = worst_contacts(map(self._compared, pieces), region)
+        self.rho, self.theta = found.rho, found.theta
+        self.peak_to_valley = found.ends[1] - found.ends[0]
+        self.messages: tuple[str, ...] = ()
+        if self.peak_to_valley > _SLACK:
+            at = " and ".join(
+                f"{format_length(abs(off))} too {'high' if off > 0.0 else 'low'} from point {block} on (X = "
+                f"{format_length(float(program.X[block]))}, azimuth "
+                f"{math.degrees(float(program.azimuth[block])) % 360.0:.5g} degrees)"
+                for off, block in zip(found.ends, found.blocks, strict=True)
+            )
+            self.messages = (f"the tip is furthest off: {at}",)
 
     def _compared(self, piece: CoursePiece) -> CoursePiece:
         """Return a piece; note what its points are off those of the plan, at their contacts."""
@@ -687,3 +724,10 @@ class _Course:
                 off = eZ - piece.along_x * eX - piece.by_azimuth * ea
                 self.difference = max(self.difference, float(np.fmax.reduce(np.abs(off))))
         return piece
+
+
+def _longest(program: TurningProgram, part: slice) -> float:
+    """Return the largest way over the part from point to point, m."""
+    X, turned = program.X[part], np.diff(program.azimuth[part])
+    reach = np.maximum(np.abs(X[1:]), np.abs(X[:-1]))
+    return float(np.hypot(np.diff(X), reach * turned).max())

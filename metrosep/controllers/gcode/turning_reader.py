@@ -37,7 +37,11 @@ _PVT = re.compile(
 _TOKEN = re.compile(rf"\s*(?:([A-Z]+)({_NUMBER})?|(%))")
 _SPLINES = {"CSPLINE": "spline"}
 _SAID = re.compile(r"[(#/ ]*(?:quantity (tip|cut points)|interpolation (linear|spline))\b")
-_QUIET = {"BAUTO", "EAUTO", "G61", "G40", "G49", "G17", "G18", "M3", "M4", "M5", "M30", "M2"}
+_ENDS = {"M30", "M2", "M99", "M17", "RET", "%"}
+"""Of a program, or of one that another calls."""
+_QUIET = {"BAUTO", "EAUTO", "G61", "G40", "G49", "G17", "G18", "M3", "M4", "M5", *_ENDS}
+MARK = "METROSEP TURNING PROGRAM"
+"""In the head of a file that `write_program` closes with M30."""
 
 
 def read_program(
@@ -74,7 +78,8 @@ def read_program(
         If a word or unit is not known, F is missing under G93, C turns back, or nothing says what the
         points are; with the line.
     CorruptFileError
-        If a block is damaged.
+        If a block is damaged, or the file was cut short: a file of `write_program` without its M30, a last
+        line that may have lost words or digits.
     ReadError
         If the file cannot be read.
 
@@ -82,7 +87,9 @@ def read_program(
     -----
     Strict: a word that is not understood is refused. G1 and rapid moves are lines, whatever a head says;
     ``CSPLINE`` of SINUMERIK is read as the C2 spline over the time of the blocks with free ends (BAUTO,
-    EAUTO): over what a control really runs its spline parameter is its own affair.
+    EAUTO): over what a control really runs its spline parameter is its own affair. A program of others may
+    end with M30, M2, M99, M17, RET or %, or with a whole block, of which `messages` then tell: lines that
+    are missing behind it cannot be seen.
     """
     place = Path(path)
     if not isinstance(axes, LatheAxes):
@@ -115,7 +122,7 @@ def read_program(
         )
     return TurningProgram(
         columns.X, columns.azimuth, columns.Z, columns.t, found, columns.interpolation,  # type: ignore[arg-type]  # checked there
-        columns.velocities,
+        columns.velocities, messages=columns.messages,
     )  # fmt: skip
 
 
@@ -126,6 +133,8 @@ class _Lines:
         self.place = place
         self.quantity: Any = None
         self.joined: str | None = None
+        self.is_own = False
+        self.has_end = True  # of the last line that was read
         head: list[tuple[int, str]] = []
         self._rest = self._read()
         self.first = ""
@@ -144,6 +153,8 @@ class _Lines:
         try:
             with self.place.open(encoding="ascii") as file:
                 for number, line in enumerate(file, 1):
+                    self.has_end = line[-1] == "\n"
+                    self.is_own = self.is_own or (number == 1 and MARK in line)
                     if line[0] in "(#/" and (said := _SAID.match(line)):
                         if said[1]:
                             self.quantity = self.quantity or said[1]
@@ -185,6 +196,7 @@ class _Columns:
     t: FloatArray
     interpolation: str
     velocities: FloatArray | None = None
+    messages: tuple[str, ...] = ()
 
 
 def _values(column: array[float]) -> FloatArray:
@@ -197,6 +209,8 @@ def _read_gcode(text: _Lines, axes: LatheAxes) -> _Columns:
     place, joined = text.place, set[bool]()
     mode, unit, splined, started, ended = "", "", False, False, False
     last: dict[str, str] = {}
+    before: dict[str, str] = {}
+    block: dict[str, str] = {}
     number = 0
     for number, line in text:
         plain = _PLAIN.fullmatch(line) if started and not ended else None
@@ -218,7 +232,10 @@ def _read_gcode(text: _Lines, axes: LatheAxes) -> _Columns:
                     )
                 pos = token.end()
                 letters, value = token[1], token[2]
-                if token[3] or letters == "N":
+                if letters == "N":
+                    continue
+                if token[3]:
+                    ended = ended or bool(columns["X"])  # one before the blocks opens the file
                     continue
                 code = (
                     f"{letters}{float(value):g}"
@@ -247,7 +264,7 @@ def _read_gcode(text: _Lines, axes: LatheAxes) -> _Columns:
                     raise text.refused(
                         number, f"{code} is not understood; a strict reader stops here"
                     )
-                ended = ended or code in ("M30", "M2")
+                ended = ended or code in _ENDS
             if not words:
                 continue
             if not started:
@@ -261,6 +278,7 @@ def _read_gcode(text: _Lines, axes: LatheAxes) -> _Columns:
                 number, "neither G93 nor G94 is in force: nothing says how long it lasts"
             )
         words = {k: v for k, v in words.items() if v is not None}
+        before, block = block, words
         last |= words
         if missing := [k for k in "XCZF" if k not in last]:
             raise text.refused(number, f"{', '.join(missing)} is not known yet")
@@ -268,14 +286,17 @@ def _read_gcode(text: _Lines, axes: LatheAxes) -> _Columns:
             joined.add(splined)
         for letter, column in columns.items():
             column.append(float(last[letter]))
-    if not ended:
-        raise CorruptFileError(
-            place,
-            f"the program ends at line {number} without M30 or M2: it was cut short (X, C and Z are then "
-            "not where it should end); copy it again, or close it with M30 if it is whole",
-        )
     if (count := len(columns["X"])) < 2:
         raise DataError(f"{place}: holds {count} blocks that move; a path needs more")
+    said: tuple[str, ...] = ()
+    if not ended:
+        _require_whole(text, number, before, block)
+        ended_so = (
+            f"the program ends at line {number} without M30, M2, M99 or %, at X {last['X']} Z {last['Z']}: its "
+            "last block is whole and it was read as a whole program; if it should go on from there, it was cut "
+            "short"
+        )
+        said = (ended_so,)
     if len(joined) > 1:
         raise DataError(
             f"{place}: lines and splines follow one another; one path has one interpolation"
@@ -284,7 +305,34 @@ def _read_gcode(text: _Lines, axes: LatheAxes) -> _Columns:
     X, azimuth, Z = _places(axes, *(_values(columns.pop(n)) for n in "XCZ"))
     t = np.zeros(X.size)
     np.cumsum(_times(place, axes, mode, _values(columns.pop("F")), X, Z, azimuth), out=t[1:])
-    return _Columns(X, azimuth, Z, frozen(t), "spline" if True in joined else "linear")
+    return _Columns(
+        X, azimuth, Z, frozen(t), "spline" if True in joined else "linear", messages=said
+    )
+
+
+def _require_whole(
+    text: _Lines, number: int, before: dict[str, str], block: dict[str, str]
+) -> None:
+    """Refuse a program without an end that shows that it was cut short, or might have lost digits."""
+    why = ""
+    if text.is_own:
+        why = "without the M30 that metrosep wrote at its end"
+    elif not text.has_end:
+        lost = [k for k in before if k not in block]
+        final = list(block.values())[-1]
+        digits = [v.partition(".")[2] for v in (before.get(list(block)[-1], ""), final)]
+        if lost:
+            why = f"without M30 and in a line without an end, and without the {', '.join(lost)} of the block before"
+        elif "." not in final or len(digits[0]) != len(digits[1]):
+            why = (
+                "without M30 and in a line without an end, whose last number may have lost digits"
+            )
+    if why:
+        raise CorruptFileError(
+            text.place,
+            f"the program ends at line {number} {why}: it was cut short (X, C and Z are then not where it "
+            "should end); copy it again, or close it with M30 if it is whole",
+        )
 
 
 def _places(

@@ -66,6 +66,9 @@ class PathDeviation(Frozen):
         Actual minus commanded: of the radius, of the azimuth of the tip on the part, of the height.
     Y : ndarray, shape (n,), m, optional
         Of the place across the radius, positive towards growing azimuth; the tool keeps its direction.
+    u : PathDeviation, optional
+        What one standard uncertainty of the deviation adds to it, at all times together; if omitted
+        nobody knows it.
 
     Raises
     ------
@@ -80,6 +83,7 @@ class PathDeviation(Frozen):
     azimuth: FloatArray
     Z: FloatArray
     Y: FloatArray | None = None
+    u: PathDeviation | None = None
 
     def __post_init__(self) -> None:
         Frozen.__post_init__(self)
@@ -93,6 +97,8 @@ class PathDeviation(Frozen):
                 )
         if (np.diff(self.t) <= 0.0).any():
             raise InvalidSamplesError("times of a deviation must grow")
+        if self.u is not None and not isinstance(self.u, PathDeviation):
+            raise DataError(f"u must be a PathDeviation, got {type(self.u).__name__}")
 
     def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return the deviations of X, azimuth, Z and Y at times, linear between the samples.
@@ -201,7 +207,7 @@ def cut_budget(
     -----
     The map "program" is the deviation of the commanded height from the tip path at the moment that
     decides; what X and C do wrong together with it is in it, because the tip path is taken where the tip
-    is. Uncertainties of the setting are modes of first order.
+    is. Uncertainties of the setting and of deviations are modes of first order, and not in the full cut.
 
     Examples
     --------
@@ -218,6 +224,8 @@ def cut_budget(
     deviations = _by_name(deviation)
     for name, moves in deviations.items():
         _require_whole(name, moves, program)
+        if moves.u is not None:
+            _require_whole(f"u of {name}", moves.u, program)
     xs, ys = positions(x, y)
     plain = replace(nose, edge=None)
     base = virtual_cut(program, plain, xs, ys, form=form)
@@ -248,10 +256,15 @@ def cut_budget(
     if deviations:
         turn = edge.by_azimuth(X[known], ideal.psi, ideal.along_x, ideal.along_y)
         for name, moves in deviations.items():
-            eX, ea, eZ, eY = moves.at(base.t[known])
-            acts = np.full(known.shape, math.nan)
-            acts[known] = eZ - ideal.along_x * eX - ideal.along_y * eY - turn * ea
-            causes.append(Contribution(name, map=acts))
+            maps = []
+            for own in (moves,) if moves.u is None else (moves, moves.u):
+                eX, ea, eZ, eY = own.at(base.t[known])
+                acts = np.full(known.shape, math.nan)
+                acts[known] = eZ - ideal.along_x * eX - ideal.along_y * eY - turn * ea
+                maps.append(acts)
+            cov = None if moves.u is None else np.eye(1)
+            modes = None if moves.u is None else maps[1][None]
+            causes.append(Contribution(name, map=maps[0], modes=modes, cov=cov))
         course, across = _moved(program, list(deviations.values()))
     full = part_of(course, tool, xs, ys, form, setting, across)
     total = _sum_of(causes)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -67,7 +68,9 @@ def machine_deviations(
 
     Notes
     -----
-    C is taken within one turn, 0 to 2 pi. A tilt acts at the tip; what it turns of the edge, R sin(psi)
+    An uncertainty of a term (of `ErrorSet`, or a column of its file) is that of all its positions together: the
+    term and u times one number, the same everywhere. For a location error that is all there is; noise from
+    position to position acts less. C is taken within one turn, 0 to 2 pi. A tilt acts at the tip; what it turns of the edge, R sin(psi)
     times the tilt, is left out: 0.1 nm for 1 urad and a contact 0.1 mm beside the tip.
 
     Examples
@@ -79,7 +82,7 @@ def machine_deviations(
     >>> found["EYX"].Y[:2].round(9).tolist()
     [1e-06, 1e-06]
     """
-    from metrosep.machine import as_error_set
+    from metrosep.machine import CallableTerm, as_error_set
 
     lacking = [a for a in ("X", "Z", "C") if a not in chain.axes]
     if lacking:
@@ -90,21 +93,33 @@ def machine_deviations(
     n = len(program)
     q = _positions(program, chain, positions)
     outward = float(np.mean(q["X"])) >= 0.0  # a tool on -X: x grows towards the axis
-    found = {name: np.empty((4, n)) for name in given.names}
+    # a term, and what its u does where it has one
+    acting: dict[str, list[Any]] = {name: [term] for name, term in given.terms.items()}
+    for name, u in given.u_at({a: v for a, v in q.items() if np.ndim(v)}).items():
+        if np.any(u > 0.0):
+            acting[name].append(CallableTerm(given.terms[name].sd))
+    found = {name: np.zeros((len(terms), 4, n)) for name, terms in acting.items()}
     for first in range(0, n, _BLOCK):
         part = slice(first, min(first + _BLOCK, n))
         here = {a: v if np.ndim(v) == 0 else v[part] for a, v in q.items()}
         phi = _direction(chain, here) + (0.0 if outward else math.pi)
         c, s = np.cos(phi), np.sin(phi)
-        for name, rows in found.items():
-            e = chain.volumetric_error(here, {name: given.terms[name]}, tool=tool)
-            e = np.broadcast_to(e, (c.size, 3))
-            rows[0, part] = c * e[:, 0] + s * e[:, 1]
-            rows[1, part] = 0.0
-            rows[2, part] = e[:, 2]
-            rows[3, part] = c * e[:, 1] - s * e[:, 0]
+        for name, terms in acting.items():
+            for rows, term in zip(found[name], terms, strict=True):
+                e = chain.volumetric_error(here, {name: term}, tool=tool)
+                e = np.broadcast_to(e, (c.size, 3))
+                rows[0, part] = c * e[:, 0] + s * e[:, 1]
+                rows[2, part] = e[:, 2]
+                rows[3, part] = c * e[:, 1] - s * e[:, 0]
     t = frozen(program.t)
-    return {name: PathDeviation(t, *(frozen(r) for r in rows)) for name, rows in found.items()}
+    made: dict[str, PathDeviation] = {}
+    for name, all_rows in found.items():
+        plain, *more = (
+            PathDeviation(t, frozen(X), frozen(turn), frozen(Z), frozen(Y))
+            for X, turn, Z, Y in all_rows
+        )
+        made[name] = replace(plain, u=more[0]) if more else plain
+    return made
 
 
 def _positions(

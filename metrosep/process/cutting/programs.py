@@ -42,6 +42,8 @@ _PIECE = 1 << 17
 """Points that are worked on at once."""
 _SOLVED = 4
 """Newton steps for the place within a block; a spline of azimuths is nearly a line."""
+_TINY_SHARE = 1e-9
+"""Of a block: after a step of Newton's as short the next one is lost in rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -323,5 +325,8 @@ class AxisCourse:
         s = (azimuth - values[i]) / (values[i + 1] - values[i])
         if self.slopes is not None:
             for _ in range(_SOLVED):
-                s = s - (self.value(1, i, s) - azimuth) / self.rate(1, i, s)
+                step = (self.value(1, i, s) - azimuth) / self.rate(1, i, s)
+                s = s - step
+                if not (np.abs(step) > _TINY_SHARE).any():
+                    break
         return i, s

@@ -26,7 +26,7 @@ from metrosep.process._setting_equations import known_form
 from metrosep.process.cutting.programs import AxisCourse, TurningProgram
 from metrosep.process.nose import RoundNose
 from metrosep.process.setting_maps import positions
-from metrosep.process.tips import Edge, tips
+from metrosep.process.tips import Edge, near_contacts, tips
 from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["VirtualPart", "virtual_cut"]
@@ -246,7 +246,7 @@ def touching_heights(
     form: Form,
     setting: ToolSetting | None = None,
 ) -> FloatArray:
-    """Return what the same course of X and C leaves where the edge always touches the form; NaN if unknown."""
+    """Return what the same course of X and C leaves where the edge fits and always touches; NaN if unknown."""
     sweep = _Sweep(program, Edge.of(nose, program.sense, setting))
     rho, theta, z = part.rho.ravel(), part.theta.ravel(), np.full(part.z.size, np.nan)
     cut = np.flatnonzero(np.isfinite(part.z))
@@ -365,7 +365,7 @@ class _Sweep:
         side: FloatArray,
         azimuth: FloatArray,
     ) -> FloatArray:
-        """Return the lowest passage of an edge that touches the form, by turns near those at azimuths."""
+        """Return the lowest passage of an edge that fits and touches the form, by turns near those at azimuths."""
         course = self._piece(rho)
         if course is None:
             return np.full(rho.size, np.nan)
@@ -515,7 +515,7 @@ class _Sweep:
             stands = np.full(rho.shape, np.nan)
             if not cuts.any():
                 return np.full(rho.shape, np.inf), psi, at
-            stands[cuts] = tips(form, course.value(0, i, s)[cuts], at[cuts], edge, strict=False).z
+            stands[cuts] = _touching(form, course.value(0, i, s)[cuts], at[cuts], edge, psi[cuts])
         height = np.where(cuts, stands + edge.point(psi)[2], np.inf)
         return height, psi, at
 
@@ -532,6 +532,24 @@ class _Sweep:
             if (found[0] < z[part] - _LOWER).any():
                 return True
         return False
+
+
+def _touching(
+    form: Form, x: FloatArray, phi: FloatArray, edge: Edge, psi: FloatArray
+) -> FloatArray:
+    """Return heights of tips whose edge stands at angles over places that it touches nearby, where it fits."""
+    # where the edge would touch the slopes of those places
+    px, py, _ = edge.point(psi)
+    c, s = np.cos(phi), np.sin(phi)
+    tx, ty = form.slopes((x + px) * c - py * s, (x + px) * s + py * c)
+    start = np.arctan2(c * tx + s * ty, edge.up + edge.lean * (c * ty - s * tx))
+    psi, found = near_contacts(form, x, phi, edge, start)
+    px, py, pz = edge.point(psi)
+    z = form.height((x + px) * c - py * s, (x + px) * s + py * c) - pz
+    rest = np.flatnonzero(~found)
+    if rest.size:
+        z[rest] = tips(form, x[rest], phi[rest], edge, strict=False).z
+    return np.asarray(z)
 
 
 def _first_beyond(azimuth: FloatArray, turned: FloatArray) -> NDArray[np.intp]:

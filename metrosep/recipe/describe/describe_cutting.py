@@ -18,6 +18,7 @@ def cut_budget_of(produced: Any, inputs: Any = None) -> Description:
     """Return what a document holds of a `CutBudgetFound`."""
     budget = produced.budget
     maps = {c.name: np.asarray(c.map) for c in budget.budget.contributions}
+    us = {c.name: c.u for c in budget.budget.contributions}
     maps |= {"sum": budget.total, "full cut": budget.mean}
     found: dict[str, Quantity] = {}
     for name, z in maps.items():
@@ -26,7 +27,9 @@ def cut_budget_of(produced: Any, inputs: Any = None) -> Description:
             "sum": "sum of the causes, without cusps",
             "full cut": "part with everything in it, on the mean over a feed",
         }.get(name, f"error that {name} leaves on the part")
-        found[f"{name}.pv"] = quantity(np.ptp(known), "m", f"P-V: {words}", symbol=f"PV {name}")
+        found[f"{name}.pv"] = quantity(
+            np.ptp(known), "m", f"P-V: {words}", u=us.get(name), symbol=f"PV {name}"
+        )
         found[f"{name}.rms"] = quantity(known.std(), "m", f"RMS: {words}", symbol=f"RMS {name}")
     found["cusp"] = quantity(budget.cusp, "m", "P-V of the cusps of the feed, no form error")
     found["disagreement"] = quantity(

@@ -6,7 +6,7 @@ And the hysteresis of the stage that drives a fast tool: identified from loops, 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -103,7 +103,7 @@ class CutBudgeted(Method):
         **{n: Option(o.kind, choices=o.choices, help=o.help) for n, o in MACHINE.items()},
         "errors": Option(
             "table",
-            help='terms of that machine, each a cause, { EZC = "table ezc.csv", EYX = "0.3 um" }',
+            help='terms of that machine, each a cause, { EZC = "table ezc.csv", EYX = "0.3 um", u_EYX = "50 nm" }',
         ),
         "part": Option("file", help="map of a part that was cut with the program"),
         "centre": Option("lengths", help=OF_PART),
@@ -112,8 +112,6 @@ class CutBudgeted(Method):
     @classmethod
     def from_inputs(cls, data: Any, options: Mapping[str, Any]) -> CutBudgetFound:
         """Return what the step makes."""
-        from dataclasses import replace
-
         from metrosep.process import RoundNose, ToolSetting, cut_budget
         from metrosep.process.cutting.measured_parts import drawn_points, fit_causes
         from metrosep.process.cutting.virtual_part import touched_radii
@@ -124,12 +122,12 @@ class CutBudgeted(Method):
         words = {k: options[k] for k in _TOOL if k in options and k != "nose_radius"}
         nose = RoundNose(options["nose_radius"], **words)
         actual = None
-        said: tuple[str, ...] = ()
+        said = program.messages
         if "edge_rises" in options and "edge" not in options:
             raise DataError(NO_EDGE)
         if "edge" in options:
             profile = edge_of_file(options["edge"], options.get("edge_rises"))
-            actual, said = replace(nose, edge=profile), profile.messages
+            actual, said = replace(nose, edge=profile), (*said, *profile.messages)
         setting = {k: options[k] for k in SETTING if k in options}
         form = form_of(options["form"])
         low, high = touched_radii(program, nose, form)
@@ -172,6 +170,7 @@ def _machine(
     options: Mapping[str, Any], program: Any, axes: LatheAxes
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return what error terms of a machine do to the tip, by their names, and how names were read."""
+    from metrosep.machine import ErrorSet
     from metrosep.machine.ranking import curve_text
     from metrosep.process import machine_deviations
 
@@ -187,10 +186,13 @@ def _machine(
                 f"{name} = {value!r} is a wave whose phase nobody knows: it ranks terms, and cuts no part that "
                 f'could be compared; give the curve, {name} = "table {name.lower()}.csv"'
             )
+    named = rest.get("errors", {})
+    rest["errors"] = {k: v for k, v in named.items() if not k.startswith("u_")}
+    us = {k.removeprefix("u_"): v for k, v in named.items() if k.startswith("u_")}
     errors, notes = errors_of(chain, rest)
     way = -1.0 if axes.tool_side == "-X" else 1.0
     positions = {"X": way * program.X, "Z": program.Z, "C": axes.c_of(program.azimuth)}
-    return machine_deviations(program, chain, errors, positions=positions), notes
+    return machine_deviations(program, chain, ErrorSet(errors, u=us), positions=positions), notes
 
 
 _OTHER_PROGRAM = (
@@ -258,7 +260,8 @@ class AxesMoved(Method):
         from metrosep.process import axis_motion
 
         program, _ = _program_of(options)
-        return axis_motion(program, limits_of(options), block_time=options.get("block_time", 0.0))
+        found = axis_motion(program, limits_of(options), block_time=options.get("block_time", 0.0))
+        return replace(found, messages=(*program.messages, *found.messages))
 
 
 # ---- hysteresis of the stage ------------------------------------------------------------------------

@@ -321,6 +321,12 @@ class JobPredicted(Method):
         "log_time": Option("text", help="column of the log, t_s if omitted"),
         "log_command": Option("text", help="column of the log, command_um if omitted"),
         "log_actual": Option("text", help="column of the log, actual_um if omitted"),
+        "log_x_command": Option(
+            "text",
+            help="column of that log with the command of X, the radius, and log_x_actual with where it was: with "
+            "servo = XZ the program makes up for X too",
+        ),
+        "log_x_actual": Option("text", help="column of that log with the radius that was reached"),
         "follow_up_pv": Option(
             "uncertainty", help='P-V of the follow-up error, where there is no log, "5 nm"'
         ),
@@ -358,18 +364,24 @@ class JobPredicted(Method):
         if "part" in rest:
             job, tool, found = _told_by_part(job, rest, tool)
         plan, path = _path(job, rest)
-        log = _logged(rest, job)
+        log, log_x = _logged(rest, job)
         removed = tuple(v.strip() for v in rest.get("removed", "").split(",") if v.strip())
         servo = rest.get("servo", "Z")
-        prediction = job.predict(path, tool=tool, follow_up=log, removed=removed, servo=servo)
+        prediction = job.predict(
+            path, tool=tool, follow_up=log, follow_up_x=log_x, removed=removed, servo=servo
+        )
         known = None if isinstance(log, float) else log
         doubts: tuple[str, ...] = ()
         if known is not None and (doubt := _other_surface(job, rest)):
-            doubts, known = (doubt,), None
+            doubts, known, log_x = (doubt,), None, None
+        if log_x is not None and servo != "XZ":
+            doubts, log_x = (*doubts, _X_STAYS), None
         program = None
         if tool is not None or known is not None or job.nose is not None:
             gain = float(rest.get("gain", 1.0))
-            program = job.compensated(path, tool=tool, follow_up=known, gain=gain, servo=servo)
+            program = job.compensated(
+                path, tool=tool, follow_up=known, follow_up_x=log_x, gain=gain, servo=servo
+            )
             _clears(job, rest)
         motion = None
         if limits := limits_of(rest):
@@ -458,6 +470,8 @@ def edge_of_file(path: str, rises: str | None) -> Any:
 
 SETTING = ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR")
 _NOSE = ("rake", "window", "clearance", "flank", "yaw", "radius_in")
+_LOG_OF_X = {"command": "log_x_command", "actual": "log_x_actual"}
+"""Channels of X and the keys that name their columns."""
 _OF_NOSE = (*_NOSE, "edge", "edge_rises", "servo", "part", "centre")
 """Keys that mean something with a nose only."""
 
@@ -562,7 +576,7 @@ def _check_predict(rest: Mapping[str, Any]) -> None:
             f"dy = {format_length(rest['dy'])}: nothing nearer than that to the spindle axis is cut, "
             f"and the part ends at {format_length(rest['radius'])}"
         )
-    log = [k for k in ("log_time", "log_command", "log_actual") if k in rest]
+    log = [k for k in ("log_time", "log_command", "log_actual", *_LOG_OF_X.values()) if k in rest]
     if log and "follow_up" not in rest:
         raise DataError(f"{log[0]} names a column of a log; give its file: follow_up")
     if "gain" in rest and not any(k in rest for k in (*SETTING, "follow_up")):
@@ -601,32 +615,44 @@ def _path(job: Any, rest: Mapping[str, Any]) -> tuple[Any, Any]:
     return None, job.path(step=rest[steps[0]], **common)
 
 
-def _logged(rest: Mapping[str, Any], job: Any) -> Any:
-    """Return the follow-up error: of a log file, or a P-V, or None."""
+_X_STAYS = 'the program is NOT corrected for what X does: with servo = "Z" X follows nothing; take servo = "XZ"'
+
+
+def _logged(rest: Mapping[str, Any], job: Any) -> tuple[Any, Any]:
+    """Return the follow-up errors of Z and X: of a log file, or a P-V (of Z), or None."""
     if "follow_up" in rest and "follow_up_pv" in rest:
         raise DataError(
             "give the log of the dry run (follow_up) or its P-V (follow_up_pv), not both"
         )
     if "follow_up_pv" in rest:
-        return float(rest["follow_up_pv"])
+        return float(rest["follow_up_pv"]), None
     if "follow_up" not in rest:
-        return None
-    from metrosep.process import follow_up
+        return None, None
+    given = [k for k in _LOG_OF_X.values() if k in rest]
+    if len(given) == 1:
+        raise DataError(
+            f"{given[0]} is one of two columns of X: give both, {' and '.join(_LOG_OF_X.values())}"
+        )
+    from metrosep.process import FollowUpMap, follow_up
 
     data = _log_columns(rest)
-    turn = -1.0 if job.sense == "clockwise" else 1.0
-    speed = 2.0 * np.pi * job.rpm / 60.0
+    speed, sense = 2.0 * np.pi * job.rpm / 60.0, job.sense or "counterclockwise"
     log = _recording(data, command="command", actual="actual")
-    found = follow_up(log, spiral=(job.radius, job.feed, speed))
-    if turn < 0.0 and found.map is not None:
-        from metrosep.process import FollowUpMap
-
-        return FollowUpMap(found.map.rho, -found.map.theta, found.map.z, found.map.history)
-    return found
+    found = follow_up(log, spiral=(job.radius, job.feed, speed), spiral_sense=sense)
+    if not given:
+        return found, None
+    # an error of X has no motion that explains it, for X may go in evenly: the places are all
+    t, command, actual = (np.asarray(data.values[k]) for k in ("time", "x_command", "x_actual"))
+    angle = speed * (t - t[0])
+    rho, turn = (
+        job.radius - job.feed * angle / (2.0 * np.pi),
+        -1.0 if sense == "clockwise" else 1.0,
+    )
+    return found, FollowUpMap(rho, turn * angle, actual - command, data.history)
 
 
 def _log_columns(rest: Mapping[str, Any]) -> RoleColumns:
-    """Return time, command and actual position of the log of a dry run."""
+    """Return time, command and actual position of the log of a dry run, those of X if they are named."""
     from metrosep.io.runs import Role, read_roles
 
     roles = {
@@ -636,6 +662,9 @@ def _log_columns(rest: Mapping[str, Any]) -> RoleColumns:
             ("command", "command_um", "length"),
             ("actual", "actual_um", "length"),
         )
+    }
+    roles |= {
+        f"x_{k}": Role(rest[name], "length") for k, name in _LOG_OF_X.items() if name in rest
     }
     return read_roles([rest["follow_up"]], roles)
 
