@@ -47,7 +47,7 @@ from metrosep.io.own_notes import is_marked
 from metrosep.io.own_runs import own_columns, own_runs, run_table
 from metrosep.io.several_runs import BLOCKS, SeveralRunsError
 from metrosep.io.source import RawFile, open_file, rate_of
-from metrosep.io.text.dialect import Dialect
+from metrosep.io.text.dialect import Dialect, header_unit, unframed
 from metrosep.io.text.encoding import decode
 from metrosep.io.text.table import (
     Column,
@@ -189,7 +189,11 @@ def read_runs(
             clocked = replace(request, time=TIME)
         if sampling_rate is None:
             table = without_empty_rows(table)
-        said = (*table.warnings, *(interruption(table) if clocked.time is None else ()))
+        said = (
+            *table.warnings,
+            *(interruption(table) if clocked.time is None else ()),
+            *_other_places(file, table, clocked),
+        )
         warnings.extend(f"{file.name}: {w}" for w in said)
         ledgers.append(table.ledger)
         held = [table]
@@ -253,6 +257,25 @@ def _told(
         "warnings": tuple(w for part in parts for w in part.metadata.get("warnings", ())),
     }
     return RunSet([run for part in parts for run in part], metadata=metadata, history=history)
+
+
+def _other_places(file: RawFile, table: Table, request: _Request) -> Iterator[str]:
+    """Yield a warning for each further position across the travel, such as y_mm, that is not used."""
+    specs = {"x": request.x, "z": request.z}
+    used = {pick(file, table, spec, role=role)[0].name for role, spec in specs.items()}
+    for c in table.numbers:
+        bare = header_unit(c.name)[0].strip().casefold()
+        if c.name in used or bare not in _AXES or c.values is None or c.unit is None:
+            continue
+        low, high = np.fmin.reduce(c.values), np.fmax.reduce(c.values)
+        if c.unit.dimension == "length" and high > low:
+            yield (
+                f"column {c.name!r} goes from {low:g} to {high:g} {c.unit.name} and is not used; if that is where the "
+                "runs lie beside each other, separate them one line at a time"
+            )
+
+
+_AXES = frozenset("xyz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -693,7 +716,8 @@ def _cell_texts(file: RawFile, table: Table, column: Column) -> list[str]:
         return [repr(float(v)).removesuffix(".0") for v in numbers]
     header = table.header
     dialect = Dialect(header["separator"], header["decimal"], header["quoted"])
-    lines = decode(file.data, file.path, header["encoding"])[0].split("\n")
+    text = decode(file.data, file.path, header["encoding"])[0]
+    lines = unframed(text, text).split("\n")
     place = table.names.index(column.name)
     rows = dialect.split(lines[n - 1] for n in table.lines.tolist())
     return [row[place].strip() for row in rows]

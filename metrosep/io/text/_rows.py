@@ -33,6 +33,8 @@ from metrosep.io.text.dialect import (
     Layout,
     bare_unit,
     is_comment,
+    is_named_by_number,
+    is_rule,
     n_used,
     refuse_long,
 )
@@ -74,6 +76,8 @@ DECIMAL_SHOWN = {
 _REMARK = re.compile(r"\s+[#%]\s*[^\W\d].*")
 """What somebody wrote behind a row."""
 _RULE = re.compile(r"([-=_])\1{2}")
+_COUNTED = re.compile(r"\(\d+ [^\W\d]+\)")
+"""What a database writes below a table: (20 rows)."""
 _RULED = "-=*~_<>[] "
 """What people put round a line below a table: --- end ---."""
 
@@ -200,6 +204,7 @@ class Body:
         header: Iterable[Sequence[str]] = (),
         is_map: bool = False,
         has_own_runs: bool = False,
+        is_numbered: bool = False,
     ) -> None:
         self._file, self._layout, self._options, self.ledger = file, layout, options, ledger
         self._names = tuple(names)
@@ -207,6 +212,7 @@ class Body:
         self._labels = [*layout.labels, *[False] * self._n][: self._n]
         self._header = [[f.strip() for f in fields] for fields in header]
         self._is_map, self._has_own_runs = is_map, has_own_runs
+        self._is_numbered = is_numbered  # names of the rows such as #1 are no comments
         self._words = NO_READING | {m for m in options.missing or () if isinstance(m, str)}
         self._pending: list[
             tuple[int, str, bool]
@@ -422,9 +428,13 @@ class Body:
                 continue
             if len(line) > LONGEST_FIELD and not is_comment(line, options.comment):
                 refuse_long(self._file.path, number, line)
+            if is_rule(line):
+                self.ledger.add("rule", number, line)
+                continue
             fields = dialect.split([line])[0]
             if is_comment(line, options.comment) and not (
                 (line.lstrip().startswith(dialect.separator) and len(fields) >= self._n)
+                or (self._is_numbered and is_named_by_number(line))
                 or self._is_named_like_comment(number, fields)
             ):
                 self.ledger.add("comment", number, line)
@@ -553,6 +563,8 @@ class Body:
             words = " ".join(fields).strip(_RULED + '"').lower().split()
             if words and all(w.isalpha() and w not in self._words for w in words):
                 return True
+        if _COUNTED.fullmatch(begin):
+            return True
         if not begin[:1].isalpha() or begin.lower() in self._words:
             return False
         if not self._labels[0] or self._layout.dated[0] or len(fields) < self._n:

@@ -23,8 +23,8 @@ from metrosep.io.text.dialect import (
 
 __all__ = ["BEGUN", "Preamble"]
 
-_RULE = re.compile(r"(?=.*([-=_])\1{4})[-=_|+*\s]+")
-"""A line under the names: no word for "not measured" has five dashes in a row by itself."""
+_RULE = re.compile(r"(?=.*([-=_])\1{4}|:?-{3,}:?\s*\|)[-=_|+*:\s]+")
+"""A line under the names: no word for "not measured" has five dashes in a row by itself, three of Markdown."""
 _UNIT_WORDS = frozenset(
     [
         "unit",

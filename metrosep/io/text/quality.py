@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +88,9 @@ _TRUE = frozenset(
 _FALSE = frozenset(
     ("false", "no", "n", "nein", "falsch", "non", "faux", "falso", "0", "いいえ", "否", "假")
 )
+_TRUTH = _TRUE | _FALSE
+_CHANGED = _BAD | _OTHER | _NOT | {"falsch"}
+"""Words in a remark that may change what its row says."""
 _APART = re.compile(r"[^\w/\u00b0%'\u2019]+|_")
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _FEW = 4
@@ -109,7 +112,7 @@ def changes_row(remark: str) -> bool:
         return True
     if _BAD_WITHIN.search(text.casefold()):
         return True
-    if any(w.casefold() in _BAD | _OTHER | _NOT or w.casefold() == "falsch" for w in words):
+    if any(w.casefold() in _CHANGED for w in words):
         return True
     # "in" is an inch where it stands alone only
     return any(w != "in" and (bare_unit(w) or (len(w) > 1 and is_other_unit(w))) for w in words)
@@ -158,8 +161,7 @@ def bad_rows(
         at = np.flatnonzero(values == float(not means_good))
         return at, f"{0 if means_good else 1}"
     kinds = {t: t.strip().strip('"').casefold() for t in set(labels)}
-    used: Iterable[str] = {t for t in kinds.values() if t}
-    if all(t in _TRUE | _FALSE for t in used):
+    if {t for t in kinds.values() if t} <= _TRUTH:
         wanted = _FALSE if means_good else _TRUE
         bad = {t for t, plain in kinds.items() if means_good is not None and plain in wanted}
     else:

@@ -43,13 +43,18 @@ from metrosep.io.text.dialect import (
     BEYOND,
     NO_COMMENT,
     NO_READING,
+    are_numbered_rows,
     are_rows_like_comments,
     encoding_hint,
     find_column,
     find_layout,
     is_comment,
+    is_named_by_number,
+    is_rule,
+    number_of,
     quantity,
     refuse_long,
+    unframed,
     unmeasured_rows,
 )
 from metrosep.io.text.encoding import decode, encoding_of, plain_ends
@@ -239,7 +244,7 @@ def _refuse_groups(
     """
     dialect = head.layout.dialect
     texts = {
-        c.name: [t.rstrip("%\u00b0\u2032\u2033'\"" + _LETTERS) for t in c.labels]
+        c.name: [number_of(t) for t in c.labels]
         for c in columns
         if c.labels is not None and any(quantity(t, dialect) for t in c.labels)
     }
@@ -258,9 +263,6 @@ def _refuse_groups(
             if at is not None:
                 field = next(c.labels for c in columns if c.name == name and c.labels)[at]
                 raise one_or_thousand(file, int(lines[at]), field, name, mark)
-
-
-_LETTERS = " abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ\u00b5\u03bc\u00c5"
 
 
 def with_moments(
@@ -335,17 +337,20 @@ class TextTable:
         self._encoding = options.encoding or ("" if whole else encoding_of(file, _BLOCK))
         self._text: str | None = None
         if whole or re.match("utf.?(16|32)", self._encoding, re.IGNORECASE):
-            self._text, self._encoding = decode(file.data, file.path, options.encoding)
+            text, self._encoding = decode(file.data, file.path, options.encoding)
+            self._text = unframed(text, text[:_FIRST_PART])
             self.head = TableHead(file, self._text, self._encoding, options)
             return
         with file.stream() as handle:
             raw = handle.read(_BLOCK)
             top = _plain(file, raw[: raw.rfind(_end_of(raw)) + 1], self._encoding, 1)
+            self._first_part = top[:_FIRST_PART]
+            top = unframed(top, self._first_part)
             further: list[str] = []
             for k in range(1, _PLACES + 1):
                 handle.seek(max(file.size - _PLACE, 0) * k // _PLACES)
                 part = plain_ends(handle.read(_PLACE).decode(self._encoding, "replace"))
-                further += _usable(part, options)
+                further += _usable(unframed(part, self._first_part), options)
         self.head = TableHead(file, top, self._encoding, options, further)
 
     def rows_at_most(self) -> int:
@@ -392,7 +397,8 @@ class TextTable:
                     raise FormatMismatchError(
                         f"{self._file.path}: holds a line longer than {_BLOCK} bytes: not a table"
                     )
-                yield _plain(self._file, raw, self._encoding, n_lines + 1), not follows
+                part = _plain(self._file, raw, self._encoding, n_lines + 1)
+                yield unframed(part, self._first_part), not follows
                 n_lines += raw.count(mark)
 
 
@@ -451,6 +457,10 @@ def refuse_markers(
     return found
 
 
+_MOST_RANGES = 100
+"""Groups of lines that a message names; nobody types more of them."""
+
+
 def _marked_bad(columns: Sequence[Column], lines: NDArray[np.int64]) -> list[str]:
     """Return a warning for each column that calls some rows bad; they are read like the others."""
     found = []
@@ -467,12 +477,15 @@ def _marked_bad(columns: Sequence[Column], lines: NDArray[np.int64]) -> list[str
         if at.size == len(lines):
             found.append(f"{said}that is every row: ask what it means before you use the numbers")
             continue
-        parts = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
-        ends = ((int(lines[p[0]]), int(lines[p[-1]])) for p in parts)
-        every = ",".join(f"{a}" if a == b else f"{a}-{b}" for a, b in ends)
         most = (
             "if that means that these were not measured well, " if 2 * at.size > len(lines) else ""
         )
+        first = np.flatnonzero(np.diff(at, prepend=-2) > 1)
+        if first.size > _MOST_RANGES:
+            found.append(f"{said}{most}delete these rows in the file, {first.size} groups of them")
+            continue
+        ends = ((int(lines[p[0]]), int(lines[p[-1]])) for p in np.split(at, first[1:]))
+        every = ",".join(f"{a}" if a == b else f"{a}-{b}" for a, b in ends)
         found.append(f"{said}{most}leave them out with skip_lines='{every}'")
     return found
 
@@ -504,6 +517,8 @@ def interruption(table: Table) -> tuple[str, ...]:
     gaps = np.flatnonzero(np.diff(table.lines) > 1)
     if not gaps.size or "separator" not in table.header:
         return ()
+    if np.sum(np.diff(table.lines)[gaps] - 1) <= table.ledger.get("rule", 0):
+        return ()  # nothing but lines drawn between the rows
     first = int(table.lines[gaps[0]]) + 1
     return (
         (
@@ -551,8 +566,10 @@ class TableHead:
         others: list[tuple[int, str, str]] = []
         spans: dict[int, list[str]] = {}  # further lines of a name or a field in quotes
         position = number = n_measured = 0
-        if options.comment is None and are_rows_like_comments(text[:_FIRST_PART].split("\n")[:-1]):
+        first_lines = text[:_FIRST_PART].split("\n")[:-1] if options.comment is None else []
+        if are_rows_like_comments(first_lines):
             options = replace(options, comment=NO_COMMENT)
+        self._is_numbered = are_numbered_rows(first_lines)
         while position < len(text) and n_measured <= _SAMPLE:
             end = text.find("\n", position)
             end = len(text) if end < 0 else end
@@ -574,8 +591,11 @@ class TableHead:
                 options = replace(options, separator=options.separator or declared.group(1))
             elif not line.strip() and line.count("\t") < _FEW:
                 others.append((number, line, "blank"))
+            elif is_rule(line):
+                others.append((number, line, "rule"))
             elif is_comment(line, options.comment) and not (
-                self.has_own_runs and len(_SEPARATOR.findall(line)) >= n_marks
+                (self.has_own_runs and len(_SEPARATOR.findall(line)) >= n_marks)
+                or (self._is_numbered and is_named_by_number(line))
             ):
                 others.append((number, line, "comment"))
             else:
@@ -655,6 +675,7 @@ class TableHead:
             header=self._header,
             has_own_runs=self.has_own_runs,
             is_map=not self.facts["named"] and len(self.names) > _FEW,
+            is_numbered=self._is_numbered,
         )
 
 
