@@ -28,7 +28,7 @@ from metrosep.io.findings import Finding, Level, height_findings
 from metrosep.io.own_runs import run_table
 from metrosep.io.read import read_any, read_one, recognise
 from metrosep.io.registry import principal
-from metrosep.io.runs import read_runs
+from metrosep.io.runs import columns_of, runs_of
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.table import Table, read_table
 
@@ -92,13 +92,11 @@ def _text_runs(
     try:
         if not recognise(file, options.get("format"), options).is_table:
             return None
-        table = read_table(file, **text)
+        file, table, known_as = columns_of(file, text)
         found = runs_in(table)
         if found is None:
             return None
-        runs = None
-        if found.is_known():
-            runs = read_runs(path, **{**found.specs(), **text})
+        runs = runs_of([(file, table, known_as)], found.specs()) if found.is_known() else None
     except MetrosepError as exc:
         return (_unreadable(exc),)
     findings = [Finding("note", f"{found}", found.advice(path, text))]
