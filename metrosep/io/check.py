@@ -28,7 +28,7 @@ from metrosep.io.findings import Finding, Level, height_findings
 from metrosep.io.own_runs import run_table
 from metrosep.io.read import read_any, read_one, recognise
 from metrosep.io.registry import principal
-from metrosep.io.runs import columns_of, runs_of
+from metrosep.io.runs import runs_of
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.table import Table, read_table
 
@@ -90,13 +90,16 @@ def _text_runs(
     file = open_file(path)
     text = {k: v for k, v in options.items() if k in TEXT_OPTIONS}
     try:
-        if not recognise(file, options.get("format"), options).is_table:
+        description = recognise(file, options.get("format"), options)
+        if not description.is_table:
             return None
-        file, table, known_as = columns_of(file, text)
+        table = read_table(file, **text)
         found = runs_in(table)
         if found is None:
             return None
-        runs = runs_of([(file, table, known_as)], found.specs()) if found.is_known() else None
+        runs = (
+            runs_of([(file, table, description.id)], found.specs()) if found.is_known() else None
+        )
     except MetrosepError as exc:
         return (_unreadable(exc),)
     findings = [Finding("note", f"{found}", found.advice(path, text))]

@@ -6,6 +6,7 @@ Shared by plain column text and by the text formats that a ``format.toml`` descr
 from __future__ import annotations
 
 import itertools
+import operator
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -189,7 +190,7 @@ def _omitted(table: Table) -> Iterator[str]:
         texts = (
             []
             if c.name in table.header.get("undecided", ())
-            else sorted(filter(None, c.labels or ()))
+            else sorted(filter(None, set(c.labels or ())))
         )
         numbers = [t for t in texts if _NUMBER_AND_UNIT.fullmatch(t)]
         if 2 * len(numbers) > len(texts) and numbers[0] != numbers[-1]:
@@ -207,7 +208,7 @@ def _is_stacked(labels: tuple[str, ...], different: tuple[str, ...]) -> bool:
 
     Neither does a name for every row, nor one beside empty cells.
     """
-    changes = sum(a != b for a, b in itertools.pairwise(labels))
+    changes = sum(map(operator.ne, labels, itertools.islice(labels, 1, None)))
     named = sum(map(bool, different))
     return named > 1 and 2 * len(different) <= len(labels) and changes == len(different) - 1
 

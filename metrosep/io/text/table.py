@@ -61,7 +61,7 @@ from metrosep.io.text.encoding import decode, encoding_of, plain_ends
 from metrosep.io.text.markers import marker_of
 from metrosep.io.text.preamble import BEGUN, Preamble
 from metrosep.io.text.quality import bad_rows
-from metrosep.io.text.times import Moments, is_moment, may_be_minutes, moments
+from metrosep.io.text.times import Entries, Moments, is_moment, may_be_minutes, moments
 
 __all__ = [
     "Column",
@@ -199,13 +199,18 @@ def _with_quantities(
     made, said = list(columns), []
     if head.layout.unproven:
         _refuse_groups(file, columns, lines, head)
+    dated = {n for n, is_date in zip(head.names, head.layout.dated, strict=False) if is_date}
     for k, column in enumerate(columns):
-        texts = ["" if t.lower() in words else t for t in column.labels or ()]
-        if markers:  # also without the unit of the others
-            texts = ["" if float(plain(t) or "nan") in markers else t for t in texts]
-        if not any(t[:1] in _DIGITS for t in texts if t):
+        if column.labels is None or column.name in dated:
             continue
-        found = [quantity(t, head.layout.dialect) for t in texts]
+        kinds = {t: "" if t.lower() in words else t for t in set(column.labels)}
+        if markers:  # also without the unit of the others
+            kinds = {t: "" if float(plain(s) or "nan") in markers else s for t, s in kinds.items()}
+        if not any(t[:1] in _DIGITS for t in kinds.values() if t):
+            continue
+        quantities = {t: quantity(s, head.layout.dialect) for t, s in kinds.items()}
+        texts = [kinds[t] for t in column.labels]
+        found = [quantities[t] for t in column.labels]
         unit = next((f[1] for f in found if f is not None), None)
         if unit is None or 2 * sum(f is not None for f in found) <= sum(map(bool, texts)):
             continue
@@ -265,6 +270,10 @@ def _refuse_groups(
                 raise one_or_thousand(file, int(lines[at]), field, name, mark)
 
 
+_SHOWN = 2000
+"""Entries of a column that show whether any is a date or a time of day."""
+
+
 def with_moments(
     file: RawFile, columns: Sequence[Column], lines: NDArray[np.int64], options: TextOptions
 ) -> tuple[list[Column], dict[str, str], dict[str, str]]:
@@ -275,44 +284,49 @@ def with_moments(
     """
     found: dict[int, Moments] = {}
     undecided: dict[str, str] = {}
+    entries: dict[int, Entries] = {}
+    words = NO_READING | {m for m in options.missing or () if isinstance(m, str)}
 
-    def of(k: int, **days: list[str]) -> Moments | None:
+    def of(k: int, days: Entries | None = None) -> Moments | None:
         where = f"{file.path}: column {columns[k].name!r}"
         try:
-            return moments(texts[k], lines, where, **days)
+            return moments(columns[k].labels or (), lines, where, days, entries=entries[k])
         except AmbiguousFormatError as exc:
             undecided[columns[k].name] = str(exc)
             return None
 
-    words = NO_READING | {m for m in options.missing or () if isinstance(m, str)}
-    texts = {
-        k: ["" if t.lower() in words else t.strip('"') for t in c.labels or ()]
-        for k, c in enumerate(columns)
-        if c.values is None
-    }
-    for k, own in texts.items():
-        odd = [i for i, t in enumerate(own) if t and not is_moment(t)]
-        if odd and 2 * len(odd) < sum(map(bool, own)):
-            line = int(lines[odd[0]])
-            where = f"column {columns[k].name!r} of dates and times"
-            raise bad_field(file, line, own[odd[0]], where, "moment")
-        moment = None if odd else of(k)
+    for k, column in enumerate(columns):
+        texts = column.labels or ()
+        if not any(is_moment(t.strip('"')) for t in texts[:: 1 + len(texts) // _SHOWN]):
+            continue
+        own = entries[k] = Entries(texts)
+        for i in np.flatnonzero(~own.is_known & ~own.is_empty).tolist():
+            text = texts[i]
+            own.is_empty[i] = text.lower() in words
+            if not own.is_empty[i] and '"' in text:
+                own.set(i, text.strip('"'))
+        odd = np.flatnonzero(~own.is_known & ~own.is_empty)
+        if odd.size and 2 * odd.size < np.count_nonzero(~own.is_empty):
+            where = f"column {column.name!r} of dates and times"
+            raise bad_field(file, int(lines[odd[0]]), texts[odd[0]].strip('"'), where, "moment")
+        moment = None if odd.size else of(k)
         if moment is not None:
             found[k] = moment
     dates = [k for k, m in found.items() if m.kind == "date"]
     clocks = [k for k, m in found.items() if m.kind == "clock"]
     if len(dates) == len(clocks) == 1:
         (day,), (k,) = dates, clocks
-        both = of(k, days=texts[day])
+        both = of(k, entries[day])
         if both is not None:
             found = {**{i: m for i, m in found.items() if i != day}, k: both}
     else:
         day = -1
     for k in [k for k in clocks if k in found and found[k].kind == "clock"]:
-        if not (len(dates) == len(clocks) == 1) and may_be_minutes(texts[k]):
+        texts = columns[k].labels or ()
+        if not (len(dates) == len(clocks) == 1) and may_be_minutes(texts, entries[k]):
             del found[k]
             undecided[columns[k].name] = (
-                f"{file.path}: column {columns[k].name!r}: times such as {texts[k][0]!r} may be hours and minutes, "
+                f"{file.path}: column {columns[k].name!r}: times such as {texts[0]!r} may be hours and minutes, "
                 "or minutes and seconds; write them as hh:mm:ss, or give sampling_rate="
             )
     unit = parse_unit("s")
@@ -493,8 +507,9 @@ def _marked_bad(columns: Sequence[Column], lines: NDArray[np.int64]) -> list[str
 def without_empty_rows(table: Table) -> Table:
     """Return a table without the rows of which every field is empty, with a warning that names them."""
     filled = np.zeros(len(table), dtype=np.bool_)
-    for c in table.columns:
-        filled |= [bool(t) for t in c.labels or ()] if c.values is None else ~np.isnan(c.values)
+    for c in sorted(table.columns, key=lambda c: c.values is None):
+        if not filled.all():
+            filled |= list(map(bool, c.labels or ())) if c.values is None else ~np.isnan(c.values)
     if filled.all() or not filled.any():
         return table
     columns = tuple(
