@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 
-__all__ = ["columns_of", "may_hold_comments", "without_groups", "without_quotes"]
+__all__ = ["columns_of", "may_hold_comments", "single_blanks", "without_groups", "without_quotes"]
 
 _LONG: Final = 2**18
 """Characters from which pandas is faster, also when it must be loaded first."""
@@ -32,6 +33,13 @@ def may_hold_comments(text: str, mark: str) -> bool:
     if any(begin in text for begin in "#%!") or ("/" in text and "//" in text):
         return True
     return mark != ";" and ";" in text
+
+
+def single_blanks(text: str) -> str:
+    """Return lines with one blank between their fields, and none at their ends."""
+    if "\t" in text or "  " in text:
+        text = re.sub(r"[^\S\n]+", " ", text)
+    return text.replace("\n ", "\n").replace(" \n", "\n").strip(" ")
 
 
 def without_quotes(text: str, mark: str, n_lines: int) -> tuple[str, str] | None:

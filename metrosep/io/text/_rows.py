@@ -26,6 +26,7 @@ from metrosep.io.source import RawFile
 from metrosep.io.text._compiled import (
     columns_of,
     may_hold_comments,
+    single_blanks,
     without_groups,
     without_quotes,
 )
@@ -360,6 +361,9 @@ class Body:
         if (
             not n_lines
             or self._pending
+            or all(
+                self._labels
+            )  # only line by line it shows whether words are a row or below the table
             or mark == ", "
             or options.comment not in (None, NO_COMMENT)
             or (any(self._labels) and may_hold_comments(text, mark))
@@ -371,6 +375,12 @@ class Body:
             if plain is None:
                 return None
             text, mark = plain
+        if mark == " " and any(
+            self._labels
+        ):  # of words the parser would fill a short row with none
+            text = single_blanks(text)
+            if text.count(" ") != n_lines * (layout.n_raw - 1):
+                return None
         if mark != " ":
             if text.count(mark) != n_lines * (layout.n_raw - 1):
                 return None
@@ -715,7 +725,7 @@ class Body:
             elif (grouped := self._grouped_number(field, fields)) is not None:
                 values[i] = grouped
                 self._n_groups += 1
-                self._groups = self._groups or [(int(lines[i]), field.strip())]
+                self._groups = [min([(int(lines[i]), field.strip()), *self._groups])]
             else:
                 self._refuse_other_mark(int(lines[i]), field.strip(), name)
                 raise bad_field(self._file, int(lines[i]), field.strip(), f"column {name!r}")
