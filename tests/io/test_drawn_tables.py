@@ -147,3 +147,29 @@ def test_a_feed_with_a_comma_and_no_proof_is_refused(tmp_path: Path) -> None:
 
     with pytest.raises(ReadError, match=r"1\.230 or 1230"):
         ms.read(path)
+
+
+@pytest.mark.parametrize("mark", ["\u2009", "\u2019", "\u202f"])
+def test_groups_between_thin_blanks_are_groups(tmp_path: Path, mark: str) -> None:
+    text = "x_mm;z_um\n" + "".join(f"{k};1{mark}{k}34,5\n" for k in range(5))
+
+    _, z, _ = _read(tmp_path, text)
+
+    np.testing.assert_allclose(z, 1034.5 + 100.0 * np.arange(5), rtol=0, atol=1e-9)
+
+
+def test_rows_that_all_begin_with_a_typeset_minus_have_one_decimal_mark(tmp_path: Path) -> None:
+    text = "x_mm;z_um\n" + "".join(f"{k};\u2212{k}.5\n" for k in range(5))
+
+    _, z, _ = _read(tmp_path, text)
+
+    np.testing.assert_allclose(z, -0.5 - np.arange(5), rtol=0, atol=PM)
+
+
+def test_an_empty_column_between_named_ones_needs_no_name(tmp_path: Path) -> None:
+    text = "Position,,Height\nmm,,um\n" + "".join(f"{k},,{k}.5\n" for k in range(5))
+
+    x, z, _ = _read(tmp_path, text)
+
+    np.testing.assert_allclose(x, np.arange(5), rtol=0, atol=PM)
+    np.testing.assert_allclose(z, 0.5 + np.arange(5), rtol=0, atol=PM)

@@ -95,7 +95,9 @@ _NUMBER = {
     ".": re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"),
     ",": re.compile(r"[+-]?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][+-]?\d+)?"),
 }
-NUMBER_LIKE = re.compile(r"[+-]?[\d.,][\d.,' \u00a0\u202f;\t]*(?:[eE][+-]?\d+)?")
+NUMBER_LIKE = re.compile(
+    r"[+\-\u2212\u2010-\u2013\ufe63\uff0d]?[\d.,][\d.,'\u2019 \u00a0\u2009\u202f;\t]*(?:[eE][+-]?\d+)?"
+)
 _SPACED_GROUPS = {
     mark: re.compile(
         rf"[+-]?[1-9]\d{{0,2}}([ '\u2019])\d{{3}}(?:\1\d{{3}})*(?:{re.escape(mark)}\d*)?"
