@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -97,9 +98,8 @@ def _text_runs(
         found = runs_in(table)
         if found is None:
             return None
-        runs = (
-            runs_of([(file, table, description.id)], found.specs()) if found.is_known() else None
-        )
+        source = (file, table, description.id)
+        runs = runs_of([source], found.specs(), angles=True) if found.is_known() else None
     except MetrosepError as exc:
         return (_unreadable(exc),)
     findings = [Finding("note", f"{found}", found.advice(path, text))]
@@ -114,9 +114,10 @@ def _sorted(findings: list[Finding]) -> tuple[Finding, ...]:
 
 def _own_runs(path: str | os.PathLike[str], runs: RunSet) -> tuple[Finding, ...]:
     """Return the findings on a file that metrosep wrote with its runs."""
-    table = run_table(runs)
-    found = runs_in(table)
-    findings = [] if found is None else [Finding("note", f"{found}", found.advice(path))]
+    findings = []
+    if (found := runs_in(run_table(runs))) is not None:
+        found = replace(found, is_own=True)
+        findings = [Finding("note", f"{found}", found.advice(path))]
     return _sorted([*findings, *_of_reader(runs.metadata), *_of_each(runs)])
 
 

@@ -11,6 +11,7 @@ import itertools
 import math
 import os
 import re
+import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -372,10 +373,12 @@ def _runs_of(
     z_column, z_unit = pick(file, table, request.z, role="z")
     turns, turned = (u is not None and u.dimension == "angle" for u in (x_unit, z_unit))
     if turns and not request.angles:
+        words = ["--x", x_column.name, "--z", z_column.name]
+        words += ["--run", request.run] if request.run else []
         raise UnitError(
-            f"{file.path}: column {x_column.name!r} (x) is an angle, and runs are separated along a "
-            "length; of an axis that turns the mean of its runs makes the table: 'metrosep table RUNS --x "
-            f'{x_column.name} --z {z_column.name} --axis C --spacing "5 deg"\''
+            f"{file.path}: column {x_column.name!r} (x) is an angle, and runs are separated along a length; of an "
+            f"axis that turns the mean of its runs makes the table: metrosep table {shlex.join([str(file.path), *words])} "
+            "--axis C --compensates C --spacing SPACING -o FILE (SPACING such as '15 deg')"
         )
     kinds = ("angle" if turns else "length", "angle" if turned and turns else "length")
     units = {"unit": "rad", "z_unit": "rad" if turned else "m"} if turns else {}
