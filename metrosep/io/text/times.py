@@ -79,10 +79,10 @@ _COUNTED = (
 )
 """First and last number of each count of time in the years in which instruments write files."""
 _SURE = 1e17  # as a time since the start of anything, in whatever unit, more than three years
-_CALENDAR = re.compile(
-    r"date|datum|time_?stamp|zeitstempel|unix|epoch|posix|filetime", re.IGNORECASE
-)
-"""Names of a column that says when a row was, not how long after the first."""
+_CALENDAR = re.compile(r"date|datum|unix|epoch|posix|filetime", re.IGNORECASE)
+"""Names of a column that says when a row was, not how long after the start of a logger."""
+_STAMP = re.compile(r"time_?stamp|zeitstempel", re.IGNORECASE)
+"""Names of a column that may say either: us of an uptime of 12 to 25 days are numbers like ms since 1970."""
 _FINE = {86400.0: 0.1 * 86400.0, 1e-3: 1.0}
 """Longest step in s of days (far below one) and of ms (as ns it would be 1 us: too fast for a table)."""
 
@@ -91,11 +91,12 @@ def counted_moments(name: str, values: FloatArray) -> tuple[FloatArray, str] | N
     """Return numbers of a clock without a unit in s from the first, and what they count; else None.
 
     A time that runs from the start of a logger in ms has the numbers of days of a spreadsheet, one in
-    us those of seconds since 1970: below `_SURE` the name must say that it is a date, and days and
-    seconds must have fractions.
+    us those of seconds since 1970: below `_SURE` the name must say that it is a date, and days, seconds
+    and whatever is called a time stamp must have fractions, which no counter has.
     """
     known = values[np.isfinite(values)]
     is_dated = _CALENDAR.search(name) is not None
+    is_stamp = _STAMP.search(name) is not None
     for low, high, seconds, what in _COUNTED:
         if not known.size or low > known.min() or known.max() > high:
             continue
@@ -104,8 +105,9 @@ def counted_moments(name: str, values: FloatArray) -> tuple[FloatArray, str] | N
             return found, what
         steps = np.diff(known) * seconds
         is_fine = steps.size > 0 and float(np.max(steps)) <= _FINE.get(seconds, np.inf)
-        has_fractions = seconds < 1.0 or bool(np.any(known % 1.0))
-        if is_dated and is_fine and has_fractions:
+        has_fractions = bool(np.any(known % 1.0))
+        is_counted = is_dated and seconds < 1.0
+        if is_fine and (is_counted or ((is_dated or is_stamp) and has_fractions)):
             return found, what
     return None
 
