@@ -58,9 +58,8 @@ from metrosep.io.text.dialect import (
     unmeasured_rows,
 )
 from metrosep.io.text.encoding import decode, encoding_of, plain_ends
-from metrosep.io.text.markers import marker_of
 from metrosep.io.text.preamble import BEGUN, Preamble
-from metrosep.io.text.quality import bad_rows
+from metrosep.io.text.quality import bad_rows, marker_of
 from metrosep.io.text.times import Entries, Moments, is_moment, may_be_minutes, moments
 
 __all__ = [
