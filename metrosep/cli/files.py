@@ -170,7 +170,7 @@ def convert(
     if Path(target).exists() and not force:
         raise WriteError(f"{target}: exists already; choose another name or give --force")
     phase(f"reading {source}")
-    obj = read_aloud(source, reading)
+    obj = read_aloud(source, reading, runs=True)
     phase(f"writing {target}")
     write(obj, target, format=target_format)
     say(f"{obj!r} -> {target}")

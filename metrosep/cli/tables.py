@@ -138,15 +138,13 @@ def _hold_runs(files: tuple[str, ...], options: dict[str, Any]) -> bool:
     """Whether files are tables of runs whose columns need no names: no results, maps or lists."""
     from metrosep.cli.named import tells_runs
     from metrosep.core.errors import MetrosepError
-    from metrosep.io.check import describe
 
     if any(Path(f).is_dir() or Path(f).suffix == ".json" or is_list(f, options) for f in files):
         return False
     try:
-        kinds = {describe(f)["kind"] for f in files}
+        return tells_runs(options, files)
     except (MetrosepError, OSError):  # said where it is read
         return False
-    return kinds <= {"runs", "table"} and tells_runs(options, files)
 
 
 _LAID_OUT = (

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from metrosep.io.findings import Finding, Level, height_findings
 from metrosep.io.own_runs import run_table
 from metrosep.io.read import read_any, read_one, recognise
 from metrosep.io.registry import principal
-from metrosep.io.runs import read_runs
+from metrosep.io.runs import runs_of
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.table import Table, read_table
 
@@ -90,15 +91,15 @@ def _text_runs(
     file = open_file(path)
     text = {k: v for k, v in options.items() if k in TEXT_OPTIONS}
     try:
-        if not recognise(file, options.get("format"), options).is_table:
+        description = recognise(file, options.get("format"), options)
+        if not description.is_table:
             return None
         table = read_table(file, **text)
         found = runs_in(table)
         if found is None:
             return None
-        runs = None
-        if found.is_known():
-            runs = read_runs(path, **{**found.specs(), **text})
+        source = (file, table, description.id)
+        runs = runs_of([source], found.specs(), angles=True) if found.is_known() else None
     except MetrosepError as exc:
         return (_unreadable(exc),)
     findings = [Finding("note", f"{found}", found.advice(path, text))]
@@ -113,9 +114,10 @@ def _sorted(findings: list[Finding]) -> tuple[Finding, ...]:
 
 def _own_runs(path: str | os.PathLike[str], runs: RunSet) -> tuple[Finding, ...]:
     """Return the findings on a file that metrosep wrote with its runs."""
-    table = run_table(runs)
-    found = runs_in(table)
-    findings = [] if found is None else [Finding("note", f"{found}", found.advice(path))]
+    findings = []
+    if (found := runs_in(run_table(runs))) is not None:
+        found = replace(found, is_own=True)
+        findings = [Finding("note", f"{found}", found.advice(path))]
     return _sorted([*findings, *_of_reader(runs.metadata), *_of_each(runs)])
 
 

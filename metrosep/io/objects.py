@@ -314,6 +314,14 @@ class Request:
         self, z: FloatArray, steps: tuple[float | None, float | None], **facts: Any
     ) -> Surface:
         """Return `make_surface` of the heights."""
+        extremes = (float(np.fmin.reduce(z, axis=None)), float(np.fmax.reduce(z, axis=None)))
+        if (far := max(extremes, key=abs)) and abs(far) > _HIGHEST:
+            raise self.file.corrupt(
+                "a height is beyond what any instrument measures",
+                expected=f"at most {_HIGHEST:g} m",
+                found=f"{far:.3g} m",
+                hint="copy the file again, or export it again: its numbers or its mark for 'not measured' are damaged",
+            )
         facts["warnings"] = (*self.warnings, *facts.get("warnings", ()))
         if self.row_order is not None:
             if facts.get("turned") and self.row_order != facts["row_order"]:
@@ -325,6 +333,10 @@ class Request:
         """Return `make_profile` of positions and heights."""
         facts["warnings"] = (*self.warnings, *facts.get("warnings", ()))
         return make_profile(self.file, self.format_id, x, z, override=self.step, **facts)
+
+
+_HIGHEST = 1e6
+"""Height in m beyond which a map is damaged: the files of other lengths that are known stay below 1 km."""
 
 
 def map_reader(

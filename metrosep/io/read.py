@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import PurePath
 from typing import Any
 
@@ -126,7 +127,7 @@ def read_one(path: str | os.PathLike[str], **options: Any) -> Surface | Profile 
     from metrosep.io.own_runs import run_table
 
     if (found := runs_in(run_table(obj))) is not None:
-        raise SeveralRunsError(path, found)
+        raise SeveralRunsError(path, replace(found, is_own=True))
     raise FormatMismatchError(
         f"{path}: holds one run; read it with metrosep.read_runs({str(path)!r})"
     )

@@ -11,6 +11,7 @@ import itertools
 import math
 import os
 import re
+import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -47,7 +48,7 @@ from metrosep.io.own_notes import is_marked
 from metrosep.io.own_runs import own_columns, own_runs, run_table
 from metrosep.io.several_runs import BLOCKS, SeveralRunsError
 from metrosep.io.source import RawFile, open_file, rate_of
-from metrosep.io.text.dialect import Dialect
+from metrosep.io.text.dialect import Dialect, header_unit, unframed
 from metrosep.io.text.encoding import decode
 from metrosep.io.text.table import (
     Column,
@@ -69,6 +70,7 @@ __all__ = [
     "read_roles",
     "read_runs",
     "role_values",
+    "runs_of",
     "told_columns",
 ]
 
@@ -159,7 +161,6 @@ def read_runs(
             )
     if x is None and z is None:
         given = {
-            "feed": feed,
             "run": run,
             "direction": direction,
             "time": time,
@@ -167,36 +168,43 @@ def read_runs(
             "scale": scale,
             **layout,
         }
-        return _told(files, {k: v for k, v in given.items() if v is not None}, angles=angles)
+        stated = {k: v for k, v in given.items() if v is not None}
+        return _told(files, stated, feeds, angles=angles)
     if x is None or z is None:
         raise FormatMismatchError("read_runs needs both x= and z=; name the two columns")
-    request = _Request(
-        x, z, run, direction, time, sampling_rate, sensitivity(scale), len(files), angles
-    )
+    request = _Request(x, z, run, direction, time, sampling_rate, scale, len(files), angles)
+    return _runs_from((columns_of(open_file(path), layout) for path in files), feeds, request)
+
+
+def _runs_from(
+    sources: Iterator[Source], feeds: Sequence[ColumnSpec | float | None], request: _Request
+) -> RunSet:
+    """Return the runs of files whose columns come one file at a time, each with its feed."""
     runs: list[Run] = []
     history: list[Step] = []
     ledgers: list[Mapping[str, Any]] = []
     warnings: list[str] = []
-    for path, file_feed in zip(files, feeds, strict=True):
-        file, table, format_id = columns_of(open_file(path), layout)
+    counted = request.sampling_rate is not None
+    for file_feed in feeds:
+        file, table, format_id = next(sources)
         clocked = request
-        if (
-            TIME in table.names
-            and "separator" not in table.header
-            and time is None
-            and sampling_rate is None
-        ):
+        is_clocked = TIME in table.names and "separator" not in table.header
+        if is_clocked and request.time is None and not counted:
             clocked = replace(request, time=TIME)
-        if sampling_rate is None:
+        if not counted:
             table = without_empty_rows(table)
-        said = (*table.warnings, *(interruption(table) if clocked.time is None else ()))
+        said = (
+            *table.warnings,
+            *(interruption(table) if clocked.time is None else ()),
+            *_other_places(file, table, clocked),
+        )
         warnings.extend(f"{file.name}: {w}" for w in said)
         ledgers.append(table.ledger)
         held = [table]
         del table  # what was read is given up as soon as the runs hold it
         runs.extend(_runs_of(file, held, clocked, file_feed))
-        facts = {"x": str(x), "z": str(z), "feed": str(file_feed), "scale": str(scale)}
-        history.extend(file.history(format_id, facts))
+        facts = {"x": request.x, "z": request.z, "feed": file_feed, "scale": request.scale}
+        history.extend(file.history(format_id, {k: str(v) for k, v in facts.items()}))
     units = {(r.metadata.get("unit", "m"), r.metadata.get("z_unit", "m")) for r in runs}
     if len(units) > 1:
         raise UnitError("some files hold angles and others lengths: read them one kind at a time")
@@ -215,9 +223,34 @@ def read_runs(
 def told_columns(
     path: str | os.PathLike[str], given: Mapping[str, Any], *, angles: bool = True
 ) -> dict[str, Any]:
-    """Return what `read_runs` needs of a table that tells it by names and units, with what is given."""
+    """Return what `read_runs` needs of a table that tells it by names and units, with what is given.
+
+    The next `read_runs` of a file that is not too long takes what was read here.
+    """
     layout = {k: v for k, v in given.items() if k in TEXT_OPTIONS}
-    file, table, known_as = columns_of(open_file(path), layout)
+    file = open_file(path)
+    content = _content(file, layout)
+    specs = _told_specs(*_as_columns(*content), given, angles=angles)
+    if sum(f.size for f, *_ in _AHEAD.values()) + file.size <= _MOST_AHEAD:
+        _AHEAD[_key(file, layout)] = content
+    return specs
+
+
+_AHEAD: dict[tuple[Any, ...], tuple[RawFile, Table | RunSet | Recording, str]] = {}
+"""What was read to see whether files tell their runs, until it is taken."""
+_MOST_AHEAD = 2**26
+"""Bytes of files that may wait there."""
+
+
+def _key(file: RawFile, layout: Mapping[str, Any]) -> tuple[Any, ...]:
+    state = file.path.stat()
+    return (str(file.path), state.st_size, state.st_mtime_ns, repr(sorted(layout.items())))
+
+
+def _told_specs(
+    file: RawFile, table: Table, known_as: str, given: Mapping[str, Any], *, angles: bool
+) -> dict[str, Any]:
+    """Return the columns that names and units tell, with what is given; refused where they do not."""
     own = own_columns(table)
     is_own = known_as in (_OWN, "hdf5") or any(map(is_marked, table.header.get("comments", ())))
     if own and is_own and (angles or own["x"] != "x_rad"):
@@ -234,13 +267,17 @@ def told_columns(
 
 
 def _told(
-    files: Sequence[str | os.PathLike[str]], given: Mapping[str, Any], *, angles: bool
+    files: Sequence[str | os.PathLike[str]],
+    given: Mapping[str, Any],
+    feeds: Sequence[ColumnSpec | float | None],
+    *,
+    angles: bool,
 ) -> RunSet:
     """Return the runs of files that metrosep wrote, or whose names and units tell what they hold."""
-    parts: list[RunSet] = []
-    for path in files:
-        stored = None if given else stored_runs(open_file(path))
-        parts.append(stored or read_runs(path, **told_columns(path, given), angles=angles))
+    parts = [
+        _told_runs(path, given if feed is None else {**given, "feed": feed}, angles=angles)
+        for path, feed in zip(files, feeds, strict=True)
+    ]
     if len(parts) == 1:
         return parts[0]
     units = {(p.metadata.get("unit", "m"), p.metadata.get("z_unit", "m")) for p in parts}
@@ -255,6 +292,51 @@ def _told(
     return RunSet([run for part in parts for run in part], metadata=metadata, history=history)
 
 
+def _told_runs(path: str | os.PathLike[str], given: Mapping[str, Any], *, angles: bool) -> RunSet:
+    """Return the runs of one file, which is read once."""
+    layout = {k: v for k, v in given.items() if k in TEXT_OPTIONS}
+    file = open_file(path)
+    key = _key(file, layout)
+    file, content, known = _AHEAD.pop(key) if key in _AHEAD else _content(file, layout)
+    if not given and isinstance(content, RunSet):
+        return content
+    if not given and isinstance(content, Table):
+        is_own = any(map(is_marked, content.header.get("comments", ())))
+        if is_own and (runs := own_runs(file, content)) is not None:
+            return runs
+    held = [_as_columns(file, content, known)]
+    del content
+    return runs_of(held, _told_specs(*held[0], given, angles=angles), angles=angles)
+
+
+def runs_of(held: list[Source], specs: Mapping[str, Any], *, angles: bool = False) -> RunSet:
+    """Return the runs in columns that were read, which are taken out of the list that holds them."""
+    asked = {k: v for k, v in specs.items() if k not in TEXT_OPTIONS}
+    feed = asked.pop("feed", None)
+    optional = dict.fromkeys(("run", "direction", "time", "sampling_rate", "scale"))
+    request = _Request(**{**optional, **asked}, n_files=1, angles=angles)
+    return _runs_from((held.pop() for _ in range(1)), [feed], request)
+
+
+def _other_places(file: RawFile, table: Table, request: _Request) -> Iterator[str]:
+    """Yield a warning for each further position across the travel, such as y_mm, that is not used."""
+    specs = {"x": request.x, "z": request.z}
+    used = {pick(file, table, spec, role=role)[0].name for role, spec in specs.items()}
+    for c in table.numbers:
+        bare = header_unit(c.name)[0].strip().casefold()
+        if c.name in used or bare not in _AXES or c.values is None or c.unit is None:
+            continue
+        low, high = np.fmin.reduce(c.values), np.fmax.reduce(c.values)
+        if c.unit.dimension == "length" and high > low:
+            yield (
+                f"column {c.name!r} goes from {low:g} to {high:g} {c.unit.name} and is not used; if that is where the "
+                "runs lie beside each other, separate them one line at a time"
+            )
+
+
+_AXES = frozenset("xyz")
+
+
 @dataclass(frozen=True, slots=True)
 class _Request:
     x: ColumnSpec
@@ -263,7 +345,7 @@ class _Request:
     direction: str | None
     time: ColumnSpec | None
     sampling_rate: float | str | None
-    scale: float | None
+    scale: float | str | None  # sensitivity of the sensor
     n_files: int
     angles: bool
 
@@ -291,10 +373,12 @@ def _runs_of(
     z_column, z_unit = pick(file, table, request.z, role="z")
     turns, turned = (u is not None and u.dimension == "angle" for u in (x_unit, z_unit))
     if turns and not request.angles:
+        words = ["--x", x_column.name, "--z", z_column.name]
+        words += ["--run", request.run] if request.run else []
         raise UnitError(
-            f"{file.path}: column {x_column.name!r} (x) is an angle, and runs are separated along a "
-            "length; of an axis that turns the mean of its runs makes the table: 'metrosep table RUNS --x "
-            f'{x_column.name} --z {z_column.name} --axis C --spacing "5 deg"\''
+            f"{file.path}: column {x_column.name!r} (x) is an angle, and runs are separated along a length; of an "
+            f"axis that turns the mean of its runs makes the table: metrosep table {shlex.join([str(file.path), *words])} "
+            "--axis C --compensates C --spacing SPACING -o FILE (SPACING such as '15 deg')"
         )
     kinds = ("angle" if turns else "length", "angle" if turned and turns else "length")
     units = {"unit": "rad", "z_unit": "rad" if turned else "m"} if turns else {}
@@ -305,12 +389,13 @@ def _runs_of(
             raise AmbiguousFormatError(table.header["undecided"][timed[0].name])
     fed = _feed_column(file, table, feed)
     signs = _direction_column(file, table, request.direction)
+    scale = sensitivity(request.scale)
     x = to_si(file, x_column, x_unit, dimension=kinds[0], role="x")
     parts = _parts(file, table, request, x)
     if request.run is not None:  # else a message may have to look for runs in the columns
         table = replace(table, columns=())
     del x_column  # a long column is given up as soon as its numbers are in SI
-    z = to_si(file, z_column, z_unit, dimension=kinds[1], role="z", scale=request.scale)
+    z = to_si(file, z_column, z_unit, dimension=kinds[1], role="z", scale=scale)
     z_column = replace(z_column, values=None)
     t = None if timed is None else to_si(file, *timed, dimension="time", role="time")
     del timed
@@ -511,34 +596,19 @@ TIME = "t_s"
 
 _OWN = "metrosep-h5"
 _TEXT = "delimited"
+Source: TypeAlias = tuple[RawFile, Table, str]
+"""A file as its messages name it, its columns, and the format that they were read as."""
 
 
-def stored_runs(file: RawFile) -> RunSet | None:
-    """Return the runs of a file that metrosep wrote as a whole, else ``None``."""
-    known = _format(file)
-    if known == _TEXT:
-        table = read_table(file)
-        if not any(map(is_marked, table.header.get("comments", ()))):
-            return None
-        return own_runs(file, table)
-    if known not in (_OWN, "hdf5"):
-        return None
-    from metrosep.io.containers import hdf5, native
-
-    obj = native.read(file) if known == _OWN else hdf5.saved_object(file)
-    if obj is None:
-        return None
-    if isinstance(obj, RunSet):
-        return obj
-    if isinstance(obj, Recording):
-        return None
-    raise FormatMismatchError(
-        f"{file.path}: holds a {type(obj).__name__.lower()}, not runs; use metrosep.read"
-    )
-
-
-def columns_of(file: RawFile, layout: dict[str, Any]) -> tuple[RawFile, Table, str]:
+def columns_of(file: RawFile, layout: dict[str, Any]) -> Source:
     """Return the file as its messages name it, its columns, and the format that they were read as."""
+    return _as_columns(*_content(file, layout))
+
+
+def _content(
+    file: RawFile, layout: dict[str, Any]
+) -> tuple[RawFile, Table | RunSet | Recording, str]:
+    """Return the file as its messages name it, the table, runs or recording in it, and its format."""
     known = _format(file) or _TEXT
     if registry.get(known).is_table:
         file = text_of(file, layout)
@@ -548,13 +618,19 @@ def columns_of(file: RawFile, layout: dict[str, Any]) -> tuple[RawFile, Table, s
             f"{file.path}: is recognised as {known}, which takes no {next(iter(layout))}; leave it out"
         )
     obj = registry.get(known).load_reader().read(file)
+    if not isinstance(obj, RunSet | Recording):
+        raise FormatMismatchError(
+            f"{file.path}: holds a {type(obj).__name__.lower()}, not runs or channels over time ({known}); runs "
+            "are cut from recordings and tables, and metrosep.read reads this"
+        )
+    return file, obj, known
+
+
+def _as_columns(file: RawFile, obj: Table | RunSet | Recording, known: str) -> Source:
+    if isinstance(obj, Table):
+        return file, obj, known
     if isinstance(obj, RunSet):
         return file, run_table(obj), known
-    if not isinstance(obj, Recording):
-        raise FormatMismatchError(
-            f"{file.path}: holds a {type(obj).__name__.lower()} ({known}), not channels over time; runs "
-            "are cut from recordings and tables"
-        )
     columns = [Column(TIME, parse_unit("s"), obj.t)]
     for name, values in obj.channels.items():
         unit = obj.units.get(name)
@@ -693,7 +769,8 @@ def _cell_texts(file: RawFile, table: Table, column: Column) -> list[str]:
         return [repr(float(v)).removesuffix(".0") for v in numbers]
     header = table.header
     dialect = Dialect(header["separator"], header["decimal"], header["quoted"])
-    lines = decode(file.data, file.path, header["encoding"])[0].split("\n")
+    text = decode(file.data, file.path, header["encoding"])[0]
+    lines = unframed(text, text).split("\n")
     place = table.names.index(column.name)
     rows = dialect.split(lines[n - 1] for n in table.lines.tolist())
     return [row[place].strip() for row in rows]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from metrosep.core.errors import FormatMismatchError
+from metrosep.core.units import parse_unit
 
 __all__ = ["BLOCKS", "FoundRuns", "SeveralRunsError"]
 
@@ -27,6 +28,7 @@ class FoundRuns:
     undeclared: tuple[str, ...] = ()
     in_volts: bool = False  # the reading is a voltage, and its sensitivity is not known
     assumed: frozenset[str] = frozenset()  # keys of columns that no name tells, only what is left
+    is_own: bool = False  # metrosep wrote them, and knows their columns
 
     def __str__(self) -> str:
         if self.run != BLOCKS:
@@ -41,6 +43,12 @@ class FoundRuns:
         unsure = open_units | ({"x", "z"} - self.columns.keys()) | self.assumed
         return unsure <= set(given)
 
+    @property
+    def turns(self) -> bool:
+        """Whether the position is an angle: such runs are not separated."""
+        unit = self.units.get("x")
+        return unit is not None and parse_unit(unit).dimension == "angle"
+
     def specs(self) -> dict[str, Any]:
         """Return the columns with their units, and what tells the runs apart, as `read_runs` takes them."""
         units = self.units
@@ -50,6 +58,11 @@ class FoundRuns:
 
     def advice(self, path: object, options: Mapping[str, Any] | None = None) -> str:
         """Return the calls that read them, with the options that the file was read with."""
+        if self.is_own and not self.turns:
+            return (
+                f"read them with metrosep.read_runs({str(path)!r}), or separate them with: metrosep separate "
+                f"{shlex.quote(str(path))}"
+            )
         columns = {k: f"{v}:UNIT" if v in self.undeclared else v for k, v in self.columns.items()}
         given = {"x": "COLUMN", "z": "COLUMN", **columns, "run": self.run}
         if self.in_volts:
@@ -59,11 +72,17 @@ class FoundRuns:
             "the columns (COLUMN)": "COLUMN" in given.values(),
             "the units (UNIT)": any(v.endswith(":UNIT") for v in given.values()),
             "the sensitivity of the sensor, such as 2.5 um/V": given.get("scale") == "SENSITIVITY",
+            "the SPACING of the table, such as '15 deg', and its FILE": self.turns,
         }
         named = " and ".join(what for what, is_open in open_.items() if is_open)
         fill_in = f"fill in {named}, which the file does not tell: " if named else ""
         call = ", ".join(f"{k}={v!r}" for k, v in given.items())
         words = (w for k, v in given.items() for w in (f"--{k.replace('_', '-')}", v))
+        if self.turns:
+            return (
+                f"{fill_in}read them with metrosep.read_runs({str(path)!r}, {call}, angles=True), or make a table of "
+                f"their mean with: metrosep table {shlex.join([str(path), *words])} --axis C --compensates C --spacing SPACING -o FILE"
+            )
         return (
             f"{fill_in}read them with metrosep.read_runs({str(path)!r}, {call}), or separate them with: "
             f"metrosep separate {shlex.join([str(path), *words])}"

@@ -28,6 +28,7 @@ from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.io.own_notes import header_lines
 from metrosep.io.own_runs import run_table
+from metrosep.io.text.dialect import header_unit
 
 __all__ = ["SUFFIXES", "WITHOUT_HISTORY", "write"]
 
@@ -171,7 +172,10 @@ def _csv(obj: Surface | Profile | Recording | RunSet) -> bytes:
     if isinstance(obj, Surface):
         return _table(["x_m", "y_m", "z_m"], _grid_texts(obj), obj)
     if isinstance(obj, Recording):
-        names = [f"{n} [{obj.units[n]}]" if obj.units.get(n) else n for n in obj.channels]
+        bare = [header_unit(n)[0] if obj.units.get(n) else n for n in obj.channels]
+        bare = bare if len({*bare}) == len(bare) else list(obj.channels)
+        pairs = zip(bare, obj.channels, strict=True)
+        names = [f"{b} [{obj.units[n]}]" if obj.units.get(n) else b for b, n in pairs]
         columns = [_texts(obj.t), *(_texts(c) for c in obj.channels.values())]
         return _table(["t_s", *names], columns, obj)
     return _runs(obj)

@@ -145,7 +145,8 @@ def test_separate_says_what_to_use_for_an_angle(tmp_path, metrosep):
     file = runs_file(tmp_path / "c.csv")
     code, _, told = metrosep("separate", file, *CALL[:6], "--method", "mean")
     assert code != 0
-    assert "metrosep table RUNS --x c_deg --z z_arcsec --axis C" in told
+    assert f"metrosep table {file} --x c_deg --z z_arcsec --run" in told
+    assert "--axis C --compensates C --spacing SPACING" in told
     code, _, told = metrosep(
         "table", file, *CALL, "--method", "joint", "--axis", "C", "-o", tmp_path / "o.csv"
     )

@@ -203,5 +203,5 @@ def test_runs_of_our_own_are_described_and_checked(tmp_path, capsys, rng):
     assert code_of("info", str(path)) == 0
     assert "4800 mm/min, 7200 mm/min" in capsys.readouterr().out
     finding, note = check_file(path)
-    assert "--run run" in note.fix
+    assert note.fix.endswith(f"metrosep separate {path}")
     assert finding.problem == "run 'b': 15.0% of 200 points were not measured"

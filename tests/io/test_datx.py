@@ -234,3 +234,20 @@ def test_copy_in_own_hdf5_is_not_taken_for_mx(make, read, put):
 @pytest.mark.slow
 def test_damage_is_refused_or_harmless(make, survives_damage):
     survives_damage(datx, make(), every=251)
+
+
+def test_a_flipped_byte_of_the_mark_for_not_measured_is_no_height(repository, put):
+    """Heights bear no checksum: a byte of the marker in the map, or of the one beside it, may flip."""
+    whole = (repository / "data_formats/datx/samples/nanometres.datx").read_bytes()
+    marker = np.float64(np.finfo(np.float64).max).tobytes()
+    places = [i for i in range(len(whole)) if whole.startswith(marker, i)]
+    assert len(places) == 2
+
+    for at in (place + byte for place in places for byte in (1, 6, 7)):
+        content = bytearray(whole)
+        content[at] ^= 0xFF
+        try:
+            heights = ms.read(put(bytes(content), "flipped.datx")).z
+        except ms.errors.ReadError:
+            continue
+        assert float(np.nanmax(np.abs(heights))) < 1.0, at

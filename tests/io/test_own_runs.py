@@ -1,5 +1,7 @@
 """Runs that metrosep wrote come back as runs by every door: nothing is lost, no unit is changed."""
 
+import shlex
+
 import numpy as np
 import pytest
 
@@ -217,3 +219,63 @@ def test_what_is_given_beside_columns_that_are_told_is_used(tmp_path):
     volts = float(rows.splitlines()[4].split(";")[2].replace(",", "."))
     found = ms.read_runs(path, scale="-2 um/V")[0].z[3]
     assert found == pytest.approx(-2e-6 * volts, rel=0.0, abs=1e-18)
+
+
+def code_of(*words):
+    with pytest.raises(SystemExit) as caught:
+        main(list(words))
+    return caught.value.code
+
+
+@pytest.mark.parametrize("suffix", ["h5", "csv"])
+def test_own_runs_are_converted_and_separated_without_options(tmp_path, suffix, capsys):
+    x = np.linspace(0.0, 9e-3, 60)
+    z = 1e-6 * np.sin(2e3 * x)
+    runs = ms.RunSet([ms.Run(x, z + 1e-9 * k, feed=1e-3 * (1 + k % 2)) for k in range(4)])
+    path = ms.write(runs, tmp_path / f"runs.{suffix}")
+    other = tmp_path / ("other.csv" if suffix == "h5" else "other.h5")
+
+    assert code_of("convert", str(path), str(other)) == 0
+    back = ms.read_runs(other)
+    assert code_of("check", str(path)) == 0
+    call = capsys.readouterr().out.split("separate them with: metrosep ")[1].splitlines()[0]
+    assert shlex.split(call) == ["separate", str(path)]
+    assert code_of(*shlex.split(call), "--method", "mean") == 0
+
+    for one, two in zip(runs, back, strict=True):
+        np.testing.assert_array_equal(one.x, two.x)
+        np.testing.assert_array_equal(one.z, two.z)
+        assert one.feed == two.feed
+
+
+def test_channels_of_a_recording_keep_their_names_however_often_it_is_converted(tmp_path):
+    first = tmp_path / "probe.csv"
+    first.write_text("t [s],probe [um],feed_mm_min\n0,1,60\n0.1,2,120\n0.2,4,60\n")
+
+    for name in ("a.csv", "b.csv"):
+        assert code_of("convert", str(first), str(tmp_path / name)) == 0
+        first = tmp_path / name
+
+    lines = [s for s in first.read_text().splitlines() if not s.startswith("#")]
+    assert lines[0] == "t_s,probe [m],feed [m/s]"
+    np.testing.assert_allclose(
+        ms.read(first).channels["probe [m]"], [1e-6, 2e-6, 4e-6], rtol=0, atol=1e-18
+    )
+
+
+def test_runs_over_an_angle_are_sent_to_a_table(tmp_path):
+    degrees = np.arange(0.0, 360.0, 5.0)
+    rows = [
+        f"{k},{a:g},{3 * np.sin(np.radians(a)) + 0.01 * k:.4f}" for k in range(4) for a in degrees
+    ]
+    path = tmp_path / "turning.csv"
+    path.write_text("run,x_deg,z_arcsec\n" + "\n".join(rows) + "\n")
+
+    (note,) = check_file(path)
+    call = note.fix.split("with: metrosep ")[1]
+
+    assert note.level == "note"
+    words = [
+        {"SPACING": "15 deg", "FILE": str(tmp_path / "t.csv")}.get(w, w) for w in shlex.split(call)
+    ]
+    assert code_of(*words, "--format", "csv") == 0

@@ -338,7 +338,8 @@ def test_one_or_a_thousand_is_refused_with_a_unit_as_without(put, case):
 CLOCKS = {
     "FILETIME": [133500000000000000 + 100_000 * k for k in range(N)],
     "Datum": [f"{45418.5 + k * 0.01 / 86400:.12f}" for k in range(N)],
-    "timestamp": [1715032790000 + 10 * k for k in range(N)],
+    "unix time": [1715032790000 + 10 * k for k in range(N)],
+    "timestamp": [f"{1715032790000.5 + 10 * k:.1f}" for k in range(N)],
 }
 
 
@@ -358,6 +359,8 @@ ANY_UNIT = {
     "us of a logger": ("time", lambda k: 1_500_000_000 + 1000 * k),
     "us of a logger called a stamp": ("timestamp", lambda k: 1_500_000_000 + 1000 * k),
     "us that look like LabVIEW": ("time", lambda k: 3_500_000_000 + 1000 * k),
+    "us of an uptime of 20 days": ("timestamp", lambda k: 1_728_000_000_000 + 200 * k),
+    "ns of an uptime of 20 days": ("Zeitstempel", lambda k: 1_728_000_000_000_000 + 200 * k),
     "ns from the start": ("timestamp", lambda k: 1_700_000_000_000 + 10_000 * k),
     "ns of a week": ("time", lambda k: 1_500_000_000_000_000 + 10_000 * k),
     "whole days": ("Datum", lambda k: 45418 + k),

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import io
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -24,6 +23,13 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError, CorruptFileError
 from metrosep.core.text_options import TextOptions
 from metrosep.io.source import RawFile
+from metrosep.io.text._compiled import (
+    columns_of,
+    may_hold_comments,
+    single_blanks,
+    without_groups,
+    without_quotes,
+)
 from metrosep.io.text.dialect import (
     BEYOND,
     LONGEST_FIELD,
@@ -33,6 +39,8 @@ from metrosep.io.text.dialect import (
     Layout,
     bare_unit,
     is_comment,
+    is_named_by_number,
+    is_rule,
     n_used,
     refuse_long,
 )
@@ -56,12 +64,6 @@ _LISTED: Final = 100
 
 _PART: Final = 2**20
 """Characters that are parsed at once: what is odd in one part does not slow the others."""
-_LONG: Final = 2**18
-"""Characters from which pandas is faster, also when it must be loaded first."""
-
-_WIDE: Final = 2**14
-"""Characters of a line from which pandas, which makes each column by itself, is slower again."""
-
 DECIMAL_SHOWN = {
     mark: re.compile(
         rf"(?<![\d.,])(?:0\d*{m}\d|\d{{4,}}{m}\d|\d{{1,3}}{m}(?:\d{{1,2}}|\d{{4,}})(?![\d.,])|{m}\d|"
@@ -74,6 +76,8 @@ DECIMAL_SHOWN = {
 _REMARK = re.compile(r"\s+[#%]\s*[^\W\d].*")
 """What somebody wrote behind a row."""
 _RULE = re.compile(r"([-=_])\1{2}")
+_COUNTED = re.compile(r"\(\d+ [^\W\d]+\)")
+"""What a database writes below a table: (20 rows)."""
 _RULED = "-=*~_<>[] "
 """What people put round a line below a table: --- end ---."""
 
@@ -200,6 +204,7 @@ class Body:
         header: Iterable[Sequence[str]] = (),
         is_map: bool = False,
         has_own_runs: bool = False,
+        is_numbered: bool = False,
     ) -> None:
         self._file, self._layout, self._options, self.ledger = file, layout, options, ledger
         self._names = tuple(names)
@@ -207,6 +212,7 @@ class Body:
         self._labels = [*layout.labels, *[False] * self._n][: self._n]
         self._header = [[f.strip() for f in fields] for fields in header]
         self._is_map, self._has_own_runs = is_map, has_own_runs
+        self._is_numbered = is_numbered  # names of the rows such as #1 are no comments
         self._words = NO_READING | {m for m in options.missing or () if isinstance(m, str)}
         self._pending: list[
             tuple[int, str, bool]
@@ -224,7 +230,9 @@ class Body:
         self._like_rows: list[int] = []  # lines with the mark of a comment and the fields of a row
         self._telling: list[tuple[int, str]] = []  # comments within that name a unit or a fault
         self._beyond: list[tuple[int, str]] = []
-        self._groups: list[tuple[int, str]] = []
+        self._groups: list[tuple[int, str]] = []  # the first field with groups of digits
+        self._n_groups = 0
+        self._has_words = False  # whether a field said that nothing was measured
         self._markers = [m for m in options.missing or () if isinstance(m, float)]
         self.comments: list[str] = []
         self.line = first  # number of the line that comes next
@@ -246,18 +254,21 @@ class Body:
                 f"{_rows(len(self._surplus))} more separators at the end than the others (first: line "
                 f"{self._surplus[0]}); they were omitted, since nothing stands behind them"
             )
-        for found_at, what in (
-            (self._beyond, "say that the sensor was out of its range; they count as not measured"),
+        for found_at, n, what in (
+            (
+                self._beyond,
+                len(self._beyond),
+                "say that the sensor was out of its range; they count as not measured",
+            ),
             (
                 self._groups,
+                self._n_groups,
                 "were read as groups of three digits, since the file has another decimal mark",
             ),
         ):
             if found_at:
                 line, text = found_at[0]
-                found.append(
-                    f"{len(found_at)} fields such as {text!r} (first: line {line}) {what}"
-                )
+                found.append(f"{n} fields such as {text!r} (first: line {line}) {what}")
         if texts := self.ledger.texts("remark"):
             line, _ = self.ledger.first("remark")
             found.append(
@@ -350,18 +361,26 @@ class Body:
         if (
             not n_lines
             or self._pending
-            or dialect.thousands
+            or all(
+                self._labels
+            )  # only line by line it shows whether words are a row or below the table
             or mark == ", "
             or options.comment not in (None, NO_COMMENT)
-            or (any(self._labels) and (self._unproven or _NO_LABEL.search(text)))
+            or (any(self._labels) and may_hold_comments(text, mark))
             or any(r.start < first + n_lines and r.stop > first for r in options.skip_lines)
         ):
             return None
         if '"' in text:
-            unquoted = _without_quotes(text, mark) if dialect.quoted else None
-            if unquoted is None:
+            plain = without_quotes(text, mark, n_lines) if dialect.quoted else None
+            if plain is None:
                 return None
-            text, mark = unquoted, "\t"
+            text, mark = plain
+        if mark == " " and any(
+            self._labels
+        ):  # of words the parser would fill a short row with none
+            text = single_blanks(text)
+            if text.count(" ") != n_lines * (layout.n_raw - 1):
+                return None
         if mark != " ":
             if text.count(mark) != n_lines * (layout.n_raw - 1):
                 return None
@@ -370,25 +389,64 @@ class Body:
                 if text.count(surplus + "\n") != n_lines:
                     return None
                 text = text.replace(surplus + "\n", "\n")
-        if self._unproven and not self._prove(text):
+        if self._unproven and not (self._prove(text) and not any(self._labels)):
             return None
-        if dialect.decimal == ",":
-            if "." in text or any(self._labels):
+        n_groups, group = 0, (0, "")
+        if not any(self._labels):
+            found = self._ungrouped(text, mark)
+            if found is None:
                 return None
-            text = text.replace(",", ".")
+            text, n_groups, group = found
+            if dialect.decimal == ",":
+                text = text.replace(",", ".")
         missing = self._words - BEYOND if mark != " " else frozenset()
-        try:
-            columns = _columns_of(text, mark, self._labels, missing)
-        except ValueError:
-            return None
+        decimal = dialect.decimal if any(self._labels) else "."
+        columns = self._parsed(text, mark, missing, decimal)
+        if columns is None or (any(self._labels) and mark == ";" and _has_empty(columns[0])):
+            return None  # a line that begins with a semicolon may be a comment
         numbers = [c for c in columns if not isinstance(c, list)]
         if len(columns) != self._n or any(len(c) != n_lines for c in columns):
             return None
         finite = [np.isfinite(c) for c in numbers]
-        if all(f.all() for f in finite):
-            return columns
-        whole = np.logical_or.reduce(finite)  # a row without any number is looked at
-        return columns if whole.all() and not any(np.isinf(c).any() for c in numbers) else None
+        if not all(f.all() for f in finite):
+            whole = np.logical_or.reduce(finite)  # a row without any number is looked at
+            if not whole.all() or any(np.isinf(c).any() for c in numbers):
+                return None
+        if n_groups:
+            self._n_groups += n_groups
+            self._groups = self._groups or [(first + group[0], group[1])]
+        return columns
+
+    def _parsed(
+        self, text: str, mark: str, missing: frozenset[str] | set[str], decimal: str
+    ) -> list[FloatArray | list[str]] | None:
+        """Return the columns as the compiled parser reads them, words for no reading only once there are any."""
+        for words in (missing,) if self._has_words else (frozenset(), missing):
+            with contextlib.suppress(ValueError):
+                columns = columns_of(text, mark, self._labels, words, decimal)
+                self._has_words = bool(words)
+                return columns
+        return None
+
+    def _ungrouped(self, text: str, mark: str) -> tuple[str, int, tuple[int, str]] | None:
+        """Return the text without marks of thousands, how many fields had one, and the first of these.
+
+        None where a mark is none of thousands, or where it must be looked at field by field.
+        """
+        dialect = self._layout.dialect
+        n, first = 0, (0, "")
+        for own in ("'", dialect.thousands or dialect.other_mark):
+            if own == mark or own not in text:
+                continue
+            found = None if self._unproven else without_groups(text, own, mark, dialect.decimal)
+            if found is None:
+                return None
+            text, n_own, first_own, is_sure = found
+            if own == dialect.other_mark and not dialect.thousands:
+                if not is_sure:
+                    return None
+                n, first = n_own, first_own
+        return text, n, first
 
     def _prove(self, text: str) -> bool:
         """Whether the block needs no closer look for what its decimal mark is."""
@@ -422,9 +480,13 @@ class Body:
                 continue
             if len(line) > LONGEST_FIELD and not is_comment(line, options.comment):
                 refuse_long(self._file.path, number, line)
+            if is_rule(line):
+                self.ledger.add("rule", number, line)
+                continue
             fields = dialect.split([line])[0]
             if is_comment(line, options.comment) and not (
                 (line.lstrip().startswith(dialect.separator) and len(fields) >= self._n)
+                or (self._is_numbered and is_named_by_number(line))
                 or self._is_named_like_comment(number, fields)
             ):
                 self.ledger.add("comment", number, line)
@@ -553,6 +615,8 @@ class Body:
             words = " ".join(fields).strip(_RULED + '"').lower().split()
             if words and all(w.isalpha() and w not in self._words for w in words):
                 return True
+        if _COUNTED.fullmatch(begin):
+            return True
         if not begin[:1].isalpha() or begin.lower() in self._words:
             return False
         if not self._labels[0] or self._layout.dated[0] or len(fields) < self._n:
@@ -660,7 +724,8 @@ class Body:
                     self._beyond.append((int(lines[i]), field.strip()))
             elif (grouped := self._grouped_number(field, fields)) is not None:
                 values[i] = grouped
-                self._groups.append((int(lines[i]), field.strip()))
+                self._n_groups += 1
+                self._groups = [min([(int(lines[i]), field.strip()), *self._groups])]
             else:
                 self._refuse_other_mark(int(lines[i]), field.strip(), name)
                 raise bad_field(self._file, int(lines[i]), field.strip(), f"column {name!r}")
@@ -696,70 +761,8 @@ class Body:
         return float(plain)
 
 
-_NO_LABEL = re.compile(r"[#%!]|//|^\s*;", re.MULTILINE)
-"""What may begin a comment or a remark: such lines are looked at one by one."""
-
-
-def _without_quotes(text: str, mark: str) -> str | None:
-    """Return lines without the quotes round their fields, tabs between these; ``None`` where one is odd.
-
-    A quote opens behind a separator or a line end and closes before one; none may stand elsewhere.
-    """
-    if "\t" in text and mark != "\t":
-        return None
-    octets = np.frombuffer(f"\n{text}\n".encode(), dtype=np.uint8)
-    is_quote, is_end = octets == ord('"'), octets == ord("\n")
-    is_mark = octets == ord(mark)
-    at = np.flatnonzero(is_quote)
-    is_inside = np.cumsum(is_quote) % 2 == 1
-    bounds = is_mark | is_end
-    if (
-        at.size % 2
-        or not bounds[at[::2] - 1].all()
-        or not bounds[at[1::2] + 1].all()
-        or (is_inside & is_end).any()
-    ):
-        return None
-    plain = np.where(is_mark & ~is_inside, ord("\t"), octets)[~is_quote]
-    return bytes(plain.astype(np.uint8)).decode()[1:-1]
-
-
-def _columns_of(
-    text: str, mark: str, labels: Sequence[bool], missing: frozenset[str] | set[str]
-) -> list[FloatArray | list[str]]:
-    """Return the columns of lines of which the separators were counted; ValueError where one is odd.
-
-    NumPy reads short texts, since pandas takes long to load; both give the nearest float.
-    """
-    if len(text) < _LONG or len(text) > _WIDE * (text.count("\n") + 1):
-        if any(labels):
-            raise ValueError
-        numbers = np.loadtxt(
-            io.StringIO(text), delimiter=None if mark == " " else mark, comments=None, ndmin=2
-        )
-        return [numbers[:, k] for k in range(numbers.shape[1])]
-    import pandas as pd
-
-    # from 3.1 on the usual way is exact, and naming it is deprecated
-    before = tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1)
-    kinds: dict[Any, Any] = {k: object if label else np.float64 for k, label in enumerate(labels)}
-    words = sorted({w for m in missing for w in (m, m.upper(), m.title())})
-    unmeasured: dict[Any, Any] = {k: words for k, label in enumerate(labels) if not label}
-    frame = pd.read_csv(
-        io.StringIO(text),
-        header=None,
-        sep=r"\s+" if mark == " " else mark,
-        dtype=kinds,
-        keep_default_na=False,
-        na_values=unmeasured,
-        quoting=csv.QUOTE_NONE,
-        low_memory=False,
-        float_precision="round_trip" if before else None,
-    )
-    return [
-        list(map(str.strip, frame[k])) if label else frame[k].to_numpy(dtype=np.float64)
-        for k, label in zip(frame.columns, labels, strict=True)
-    ]
+def _has_empty(column: FloatArray | list[str]) -> bool:
+    return "" in column if isinstance(column, list) else bool(np.isnan(column).any())
 
 
 def row_in_comment(fields: Sequence[str], layout: Layout) -> bool:

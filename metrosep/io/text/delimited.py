@@ -33,11 +33,14 @@ from metrosep.io.source import HEAD_BYTES, RawFile
 from metrosep.io.text.dialect import (
     NO_READING,
     Layout,
+    are_numbered_rows,
     are_rows_like_comments,
     find_layout,
     header_unit,
     is_comment,
+    is_rule,
     split_header,
+    unframed,
     unmeasured_rows,
 )
 from metrosep.io.text.encoding import head_text
@@ -75,10 +78,12 @@ def sniff(file: RawFile) -> Match:
         return Match.NO
     if any(is_marked(line.lstrip('# "')) for line in text.split("\n", _MARK_BELOW)[:_MARK_BELOW]):
         return Match.MAYBE
-    lines = [line for line in text.split("\n") if line.strip() and not is_comment(line)]
+    text = unframed(text, text)
+    lines = [s for s in text.split("\n") if s.strip() and not is_comment(s) and not is_rule(s)]
     if len(file.head) == HEAD_BYTES and not text.endswith("\n"):
         lines = lines[:-1]
-    if len(lines) == 1 and are_rows_like_comments(text.split("\n")[:-1]):
+    every = text.split("\n")[:-1]
+    if (len(lines) == 1 and are_rows_like_comments(every)) or are_numbered_rows(every):
         return Match.MAYBE
     if not lines:  # comments as long as the head, such as a history that metrosep wrote
         rest = (s for s in first_lines(file) if s.strip() and not is_comment(s))

@@ -37,6 +37,7 @@ __all__ = [
     "WORDS",
     "Dialect",
     "Layout",
+    "are_numbered_rows",
     "are_rows_like_comments",
     "bare_unit",
     "encoding_hint",
@@ -45,12 +46,16 @@ __all__ = [
     "find_layout",
     "header_unit",
     "is_comment",
+    "is_named_by_number",
     "is_number",
     "is_other_unit",
+    "is_rule",
     "n_used",
+    "number_of",
     "quantity",
     "refuse_long",
     "split_header",
+    "unframed",
     "unmeasured_rows",
 ]
 
@@ -90,7 +95,9 @@ _NUMBER = {
     ".": re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"),
     ",": re.compile(r"[+-]?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][+-]?\d+)?"),
 }
-NUMBER_LIKE = re.compile(r"[+-]?[\d.,][\d.,' \u00a0\u202f;\t]*(?:[eE][+-]?\d+)?")
+NUMBER_LIKE = re.compile(
+    r"[+\-\u2212\u2010-\u2013\ufe63\uff0d]?[\d.,][\d.,'\u2019 \u00a0\u2009\u202f;\t]*(?:[eE][+-]?\d+)?"
+)
 _SPACED_GROUPS = {
     mark: re.compile(
         rf"[+-]?[1-9]\d{{0,2}}([ '\u2019])\d{{3}}(?:\1\d{{3}})*(?:{re.escape(mark)}\d*)?"
@@ -221,6 +228,28 @@ def is_comment(line: str, prefix: str | None = None) -> bool:
     return False
 
 
+_NAMED_BY_NUMBER = re.compile(r"\s*\"?#(\d+)\"?[;,\t| ]")
+
+
+def is_named_by_number(line: str) -> bool:
+    """Return whether a line begins with the number of a row, such as #1, and something follows."""
+    return _NAMED_BY_NUMBER.match(line) is not None
+
+
+def are_numbered_rows(lines: Sequence[str]) -> bool:
+    """Return whether lines that begin like comments are the rows: #1, #2, #3, and no other line is one."""
+    found = [int(m[1]) for m in map(_NAMED_BY_NUMBER.match, lines) if m is not None]
+    others = (s for s in lines if not is_comment(s))
+    return (
+        len(found) >= _FEWEST_NUMBERED
+        and found == list(range(found[0], found[0] + len(found)))
+        and not any(NUMBER_LIKE.match(s.lstrip(' "')) for s in others)
+    )
+
+
+_FEWEST_NUMBERED = 3
+
+
 def are_rows_like_comments(lines: Sequence[str]) -> bool:
     """Return whether all rows below names begin like a comment: their first field is a name such as #1."""
     names, *rest = [line for line in lines if line.strip()] or [""]
@@ -228,6 +257,38 @@ def are_rows_like_comments(lines: Sequence[str]) -> bool:
     n = names.count(mark)
     alike = (is_comment(line) and line.count(mark) == n for line in rest)
     return n > 0 and len(rest) > n and not is_comment(names) and all(alike)
+
+
+_RULE = re.compile(r"\s*[+|]?(?:[-=:]{2,}\+)*[-=:]{2,}[+|]?\s*")
+_BOX = str.maketrans(
+    {chr(c): "+" for c in range(0x2500, 0x2580)}
+    | dict.fromkeys("\u2500\u2501\u2504\u2505\u2508\u2509\u254c\u254d\u2550", "-")
+    | dict.fromkeys("\u2502\u2503\u2506\u2507\u250a\u250b\u254e\u254f\u2551", "|")
+)
+"""Lines that are drawn with characters of their own, as with - | and +."""
+_HAS_BOX = re.compile("[\u2500-\u257f]")
+_FRAMED = re.compile(r"(?m)^[ \t]*\|(.*)\|[ \t]*$")
+
+
+def is_rule(line: str) -> bool:
+    """Return whether a line is drawn between rows, such as +----+----+."""
+    return "+" in line and _RULE.fullmatch(line) is not None
+
+
+def unframed(text: str, head: str) -> str:
+    """Return lines without the bars left and right of them, where those of the head of the text have them."""
+    if _HAS_BOX.search(head):
+        text, head = text.translate(_BOX), head.translate(_BOX)
+    if "|" not in head:
+        return text
+    lines = [s for s in head.split("\n") if "|" in s]
+    framed = sum(_FRAMED.fullmatch(s) is not None for s in lines)
+    if framed < _FEWEST_FRAMED or framed < (1.0 - _TOLERATED) * len(lines):
+        return text
+    return _FRAMED.sub(r"\1", text)
+
+
+_FEWEST_FRAMED = 3
 
 
 def is_number(field: str, decimal: str) -> bool:
@@ -588,8 +649,8 @@ def _shows_mark(field: str, dialect: Dialect) -> bool:
     mark, text = dialect.decimal, field.strip()
     if mark not in text:
         return False
-    if quantity(text, dialect) is not None and (number := _QUANTITY.fullmatch(text)):
-        text = number[1]
+    if quantity(text, dialect) is not None:
+        text = number_of(text)
     return (
         mark in text
         and _AMBIGUOUS[mark].fullmatch(text) is None
@@ -626,6 +687,12 @@ def _kind(field: str, dialect: Dialect, grouped: Dialect) -> str:
 
 
 _QUANTITY = re.compile(r"([+\-\u2212]?[\d.,]+(?:[eE][+-]?\d+)?)\s*([^\s\d.,+\-][^\d]*)")
+
+
+def number_of(text: str) -> str:
+    """Return the number of a text such as ``1.5 mm`` as it is written, the text itself where there is none."""
+    found = _QUANTITY.fullmatch(text.strip())
+    return text if found is None else found[1]
 
 
 def quantity(field: str, dialect: Dialect) -> tuple[float, Unit] | None:

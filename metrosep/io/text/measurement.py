@@ -6,7 +6,9 @@ Shared by plain column text and by the text formats that a ``format.toml`` descr
 from __future__ import annotations
 
 import itertools
+import operator
 import re
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -189,7 +191,7 @@ def _omitted(table: Table) -> Iterator[str]:
         texts = (
             []
             if c.name in table.header.get("undecided", ())
-            else sorted(filter(None, c.labels or ()))
+            else sorted(filter(None, set(c.labels or ())))
         )
         numbers = [t for t in texts if _NUMBER_AND_UNIT.fullmatch(t)]
         if 2 * len(numbers) > len(texts) and numbers[0] != numbers[-1]:
@@ -207,7 +209,7 @@ def _is_stacked(labels: tuple[str, ...], different: tuple[str, ...]) -> bool:
 
     Neither does a name for every row, nor one beside empty cells.
     """
-    changes = sum(a != b for a, b in itertools.pairwise(labels))
+    changes = sum(map(operator.ne, labels, itertools.islice(labels, 1, None)))
     named = sum(map(bool, different))
     return named > 1 and 2 * len(different) <= len(labels) and changes == len(different) - 1
 
@@ -385,6 +387,13 @@ class _Made:
         values = [self.lengths(role, spec) for role, spec in zip("xyz", points, strict=True)]
         if np.isnan(values[2]).all():
             raise self.mismatch("the heights hold no number; nothing was measured")
+        names = [s if isinstance(s, str) else ":".join(s) for s in points]
+        for values_of, other, same in ((values[0], 1, "x"), (values[1], 0, "y")):
+            if np.unique(values_of[np.isfinite(values_of)]).size == 1:
+                raise self.mismatch(
+                    f"all points have the same {same}, so they are a line and not a map; read the profile with "
+                    f"x={names[other]!r} and z={names[2]!r}"
+                )
         heights, (dx, dy), origin = to_grid(self.file, *values)
         order = {
             "row_order_in_file": "a list of points with their positions",
@@ -722,9 +731,11 @@ def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
     if n == 1:
         advice = "give the step of the positions with lateral_step='... um', or sampling_rate="
     else:
+        run = next((c.name for c in table.columns if role_of(c.name) == "run"), "COLUMN")
+        call = shlex.join(["--x", "COLUMN", "--z", "COLUMN", "--run", run])
         advice = (
             "name two with x= and z=, give sampling_rate= for a recording without a column of time, or "
-            "read repeated runs with read_runs(x=, z=, run=, feed=)"
+            f"read repeated runs with metrosep.read_runs(x=, z=, run=) or metrosep separate FILE {call}"
         )
         if is_matrix(table):
             advice += "; for a map of heights give unit='nm' and lateral_step='3 um'"

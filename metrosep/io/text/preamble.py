@@ -23,8 +23,8 @@ from metrosep.io.text.dialect import (
 
 __all__ = ["BEGUN", "Preamble"]
 
-_RULE = re.compile(r"(?=.*([-=_])\1{4})[-=_|+*\s]+")
-"""A line under the names: no word for "not measured" has five dashes in a row by itself."""
+_RULE = re.compile(r"(?=.*([-=_])\1{4}|:?-{3,}:?\s*\|)[-=_|+*:\s]+")
+"""A line under the names: no word for "not measured" has five dashes in a row by itself, three of Markdown."""
 _UNIT_WORDS = frozenset(
     [
         "unit",
@@ -84,7 +84,7 @@ class Preamble:
             for u, e, f in zip(units, empty, fields, strict=True)
         )
         if (shared or len(fields) == self._n) and known and not all(empty):
-            self._take_numbered_names(number)
+            self._take_odd_names(number, empty)
             self._units = units * self._n if shared else units
             self._as_written = fields * self._n if shared else fields
             self.rows.append(fields)
@@ -121,11 +121,16 @@ class Preamble:
         self._waiting.append((number, line.strip()))
         return None
 
-    def _take_numbered_names(self, number: int) -> None:
-        """Take the line above a row of units as names where some are numbers, such as those of channels."""
+    def _take_odd_names(self, number: int, is_empty: Sequence[bool]) -> None:
+        """Take the line above a row of units as names where some are numbers, or where it is empty like the units."""
         if self._names is not None or not self._waiting or self._waiting[-1][0] != number - 1:
             return
-        names = split_header(self._waiting[-1][1], self._dialect.separator, self._n)
+        line = self._waiting[-1][1]
+        names = split_header(line, self._dialect.separator, self._n)
+        fields = [f.strip().strip('"').strip() for f in self._dialect.split([line])[0]]
+        if names is None and [not f for f in fields] == list(is_empty):
+            names = [f or f"column{k}" for k, f in enumerate(fields, 1)]
+            self.unnamed = tuple(f"column{k}" for k, f in enumerate(fields, 1) if not f)
         if names is not None and names[0][:1].isalpha():
             self._named_at = self._waiting.pop()
             self._names = names

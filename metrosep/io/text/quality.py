@@ -1,4 +1,4 @@
-"""Words that call a row bad, in remarks behind a row and in columns of a status beside it.
+"""Words that call a row bad, behind it or in a column of a status, and numbers that mean "not measured".
 
 There is one list of them. What true, no or 1 means depends on the name of its column: no under
 ``valid`` is bad, under ``outlier`` it is good, under ``coolant`` it says nothing about the row.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.io.text.dialect import BEYOND, bare_unit, is_other_unit
 
-__all__ = ["bad_rows", "changes_row", "is_truth", "says_bad", "truth_of_name"]
+__all__ = ["bad_rows", "changes_row", "is_truth", "marker_of", "says_bad", "truth_of_name"]
 
 _BAD_TEXT = """
 ng nok nio bad wrong error errors err fail failed failure fault faulty outlier outliers reject rejected
@@ -88,6 +88,9 @@ _TRUE = frozenset(
 _FALSE = frozenset(
     ("false", "no", "n", "nein", "falsch", "non", "faux", "falso", "0", "いいえ", "否", "假")
 )
+_TRUTH = _TRUE | _FALSE
+_CHANGED = _BAD | _OTHER | _NOT | {"falsch"}
+"""Words in a remark that may change what its row says."""
 _APART = re.compile(r"[^\w/\u00b0%'\u2019]+|_")
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _FEW = 4
@@ -109,7 +112,7 @@ def changes_row(remark: str) -> bool:
         return True
     if _BAD_WITHIN.search(text.casefold()):
         return True
-    if any(w.casefold() in _BAD | _OTHER | _NOT or w.casefold() == "falsch" for w in words):
+    if any(w.casefold() in _CHANGED for w in words):
         return True
     # "in" is an inch where it stands alone only
     return any(w != "in" and (bare_unit(w) or (len(w) > 1 and is_other_unit(w))) for w in words)
@@ -158,11 +161,92 @@ def bad_rows(
         at = np.flatnonzero(values == float(not means_good))
         return at, f"{0 if means_good else 1}"
     kinds = {t: t.strip().strip('"').casefold() for t in set(labels)}
-    used: Iterable[str] = {t for t in kinds.values() if t}
-    if all(t in _TRUE | _FALSE for t in used):
+    if {t for t in kinds.values() if t} <= _TRUTH:
         wanted = _FALSE if means_good else _TRUE
         bad = {t for t, plain in kinds.items() if means_good is not None and plain in wanted}
     else:
         bad = {t for t in kinds if says_bad(t)}
     at = np.flatnonzero([t in bad for t in labels]) if bad else np.empty(0, dtype=np.intp)
     return at, labels[at[0]] if at.size else ""
+
+
+# ---- numbers that mean "not measured": -9999, 99999.99, the limits of converters ----------------
+# None is removed, and none is accepted in silence. See ``data_formats/delimited/SPEC.md``.
+
+_MARKERS = frozenset(
+    {
+        32767.0,
+        -32768.0,
+        -32767.0,
+        65535.0,
+        2147483647.0,
+        -2147483648.0,
+        -2147483647.0,
+        4294967295.0,
+    }
+)
+"""Limits of the integers of converters."""
+_NULLS = frozenset({-999.25})
+"""What logs of wells write for "not measured": reported also where it stands once."""
+_BEYOND = 1e20
+_FAR = 5.0
+"""A value of marker shape further away than so many times the spread of the others is refused."""
+_VERY_FAR = 20.0
+"""Any value that repeats exactly, so at least twice, and is further away than that is reported."""
+_REPEATED = 2
+_NEAR = 0.5
+"""A value of marker shape that repeats is reported from so many spreads on: numbers of a measurement
+leave no gap of half their spread below an extreme that two of them share to the last digit."""
+
+
+def _has_marker_shape(value: float) -> bool:
+    digits = f"{abs(value):.12g}".replace(".", "")
+    nines = len(digits) >= 3 and set(digits) == {"9"}
+    return nines or value in _MARKERS or abs(value) >= _BEYOND
+
+
+def marker_of(values: FloatArray) -> tuple[float, float, bool] | None:
+    """Return a value that means "not measured", its distance in spreads, and whether that is sure.
+
+    Extremes of the shape of a marker are set aside in turn; what is left tells the spread R. Such a
+    value further than 5 R away is sure; one that repeats, beyond 0.5 R, and any other that repeats,
+    beyond 20 R, are not.
+    """
+    finite = np.isfinite(values)
+    rest = values if finite.all() else values[finite]
+    del finite
+    most = rest.size / 2
+    aside: list[float] = []
+    near: tuple[float, float, bool] | None = None
+    while rest.size >= _FEWEST_LEFT:
+        extremes = (float(rest.max()), float(rest.min()))
+        counts = {e: int(np.count_nonzero(rest == e)) for e in extremes}
+        shaped = [e for e in extremes if _has_marker_shape(e) and counts[e] <= most]
+        if not shaped or len(aside) == _MOST_MARKERS:
+            repeated = [
+                e
+                for e in extremes
+                if (counts[e] >= _REPEATED or e in _NULLS) and counts[e] <= most
+            ]
+            found = next((e for e in repeated if _distance(e, rest[rest != e]) > _VERY_FAR), None)
+            return near if found is None else (found, _distance(found, rest[rest != found]), False)
+        aside.append(shaped[0])
+        rest = rest[rest != shaped[0]]
+        for value in aside:
+            if (ratio := _distance(value, rest)) > _FAR:
+                return value, ratio, True
+            if ratio > _NEAR and near is None and np.count_nonzero(values == value) > 1:
+                near = (value, ratio, False)
+    return near
+
+
+_FEWEST_LEFT = 3
+_MOST_MARKERS = 4
+
+
+def _distance(value: float, rest: FloatArray) -> float:
+    """Return how many times the spread of the others a value lies away; 0 where they hardly differ."""
+    if rest.size < _FEWEST_LEFT or np.unique(rest[:1000]).size < _FEWEST_LEFT:
+        return 0.0
+    low, high = float(rest.min()), float(rest.max())
+    return min(abs(value - low), abs(value - high)) / (high - low)

@@ -43,20 +43,24 @@ from metrosep.io.text.dialect import (
     BEYOND,
     NO_COMMENT,
     NO_READING,
+    are_numbered_rows,
     are_rows_like_comments,
     encoding_hint,
     find_column,
     find_layout,
     is_comment,
+    is_named_by_number,
+    is_rule,
+    number_of,
     quantity,
     refuse_long,
+    unframed,
     unmeasured_rows,
 )
 from metrosep.io.text.encoding import decode, encoding_of, plain_ends
-from metrosep.io.text.markers import marker_of
 from metrosep.io.text.preamble import BEGUN, Preamble
-from metrosep.io.text.quality import bad_rows
-from metrosep.io.text.times import Moments, is_moment, may_be_minutes, moments
+from metrosep.io.text.quality import bad_rows, marker_of
+from metrosep.io.text.times import Entries, Moments, is_moment, may_be_minutes, moments
 
 __all__ = [
     "Column",
@@ -194,13 +198,18 @@ def _with_quantities(
     made, said = list(columns), []
     if head.layout.unproven:
         _refuse_groups(file, columns, lines, head)
+    dated = {n for n, is_date in zip(head.names, head.layout.dated, strict=False) if is_date}
     for k, column in enumerate(columns):
-        texts = ["" if t.lower() in words else t for t in column.labels or ()]
-        if markers:  # also without the unit of the others
-            texts = ["" if float(plain(t) or "nan") in markers else t for t in texts]
-        if not any(t[:1] in _DIGITS for t in texts if t):
+        if column.labels is None or column.name in dated:
             continue
-        found = [quantity(t, head.layout.dialect) for t in texts]
+        kinds = {t: "" if t.lower() in words else t for t in set(column.labels)}
+        if markers:  # also without the unit of the others
+            kinds = {t: "" if float(plain(s) or "nan") in markers else s for t, s in kinds.items()}
+        if not any(t[:1] in _DIGITS for t in kinds.values() if t):
+            continue
+        quantities = {t: quantity(s, head.layout.dialect) for t, s in kinds.items()}
+        texts = [kinds[t] for t in column.labels]
+        found = [quantities[t] for t in column.labels]
         unit = next((f[1] for f in found if f is not None), None)
         if unit is None or 2 * sum(f is not None for f in found) <= sum(map(bool, texts)):
             continue
@@ -239,7 +248,7 @@ def _refuse_groups(
     """
     dialect = head.layout.dialect
     texts = {
-        c.name: [t.rstrip("%\u00b0\u2032\u2033'\"" + _LETTERS) for t in c.labels]
+        c.name: [number_of(t) for t in c.labels]
         for c in columns
         if c.labels is not None and any(quantity(t, dialect) for t in c.labels)
     }
@@ -260,7 +269,8 @@ def _refuse_groups(
                 raise one_or_thousand(file, int(lines[at]), field, name, mark)
 
 
-_LETTERS = " abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ\u00b5\u03bc\u00c5"
+_SHOWN = 2000
+"""Entries of a column that show whether any is a date or a time of day."""
 
 
 def with_moments(
@@ -273,44 +283,49 @@ def with_moments(
     """
     found: dict[int, Moments] = {}
     undecided: dict[str, str] = {}
+    entries: dict[int, Entries] = {}
+    words = NO_READING | {m for m in options.missing or () if isinstance(m, str)}
 
-    def of(k: int, **days: list[str]) -> Moments | None:
+    def of(k: int, days: Entries | None = None) -> Moments | None:
         where = f"{file.path}: column {columns[k].name!r}"
         try:
-            return moments(texts[k], lines, where, **days)
+            return moments(columns[k].labels or (), lines, where, days, entries=entries[k])
         except AmbiguousFormatError as exc:
             undecided[columns[k].name] = str(exc)
             return None
 
-    words = NO_READING | {m for m in options.missing or () if isinstance(m, str)}
-    texts = {
-        k: ["" if t.lower() in words else t.strip('"') for t in c.labels or ()]
-        for k, c in enumerate(columns)
-        if c.values is None
-    }
-    for k, own in texts.items():
-        odd = [i for i, t in enumerate(own) if t and not is_moment(t)]
-        if odd and 2 * len(odd) < sum(map(bool, own)):
-            line = int(lines[odd[0]])
-            where = f"column {columns[k].name!r} of dates and times"
-            raise bad_field(file, line, own[odd[0]], where, "moment")
-        moment = None if odd else of(k)
+    for k, column in enumerate(columns):
+        texts = column.labels or ()
+        if not any(is_moment(t.strip('"')) for t in texts[:: 1 + len(texts) // _SHOWN]):
+            continue
+        own = entries[k] = Entries(texts)
+        for i in np.flatnonzero(~own.is_known & ~own.is_empty).tolist():
+            text = texts[i]
+            own.is_empty[i] = text.lower() in words
+            if not own.is_empty[i] and '"' in text:
+                own.set(i, text.strip('"'))
+        odd = np.flatnonzero(~own.is_known & ~own.is_empty)
+        if odd.size and 2 * odd.size < np.count_nonzero(~own.is_empty):
+            where = f"column {column.name!r} of dates and times"
+            raise bad_field(file, int(lines[odd[0]]), texts[odd[0]].strip('"'), where, "moment")
+        moment = None if odd.size else of(k)
         if moment is not None:
             found[k] = moment
     dates = [k for k, m in found.items() if m.kind == "date"]
     clocks = [k for k, m in found.items() if m.kind == "clock"]
     if len(dates) == len(clocks) == 1:
         (day,), (k,) = dates, clocks
-        both = of(k, days=texts[day])
+        both = of(k, entries[day])
         if both is not None:
             found = {**{i: m for i, m in found.items() if i != day}, k: both}
     else:
         day = -1
     for k in [k for k in clocks if k in found and found[k].kind == "clock"]:
-        if not (len(dates) == len(clocks) == 1) and may_be_minutes(texts[k]):
+        texts = columns[k].labels or ()
+        if not (len(dates) == len(clocks) == 1) and may_be_minutes(texts, entries[k]):
             del found[k]
             undecided[columns[k].name] = (
-                f"{file.path}: column {columns[k].name!r}: times such as {texts[k][0]!r} may be hours and minutes, "
+                f"{file.path}: column {columns[k].name!r}: times such as {texts[0]!r} may be hours and minutes, "
                 "or minutes and seconds; write them as hh:mm:ss, or give sampling_rate="
             )
     unit = parse_unit("s")
@@ -335,17 +350,20 @@ class TextTable:
         self._encoding = options.encoding or ("" if whole else encoding_of(file, _BLOCK))
         self._text: str | None = None
         if whole or re.match("utf.?(16|32)", self._encoding, re.IGNORECASE):
-            self._text, self._encoding = decode(file.data, file.path, options.encoding)
+            text, self._encoding = decode(file.data, file.path, options.encoding)
+            self._text = unframed(text, text[:_FIRST_PART])
             self.head = TableHead(file, self._text, self._encoding, options)
             return
         with file.stream() as handle:
             raw = handle.read(_BLOCK)
             top = _plain(file, raw[: raw.rfind(_end_of(raw)) + 1], self._encoding, 1)
+            self._first_part = top[:_FIRST_PART]
+            top = unframed(top, self._first_part)
             further: list[str] = []
             for k in range(1, _PLACES + 1):
                 handle.seek(max(file.size - _PLACE, 0) * k // _PLACES)
                 part = plain_ends(handle.read(_PLACE).decode(self._encoding, "replace"))
-                further += _usable(part, options)
+                further += _usable(unframed(part, self._first_part), options)
         self.head = TableHead(file, top, self._encoding, options, further)
 
     def rows_at_most(self) -> int:
@@ -392,7 +410,8 @@ class TextTable:
                     raise FormatMismatchError(
                         f"{self._file.path}: holds a line longer than {_BLOCK} bytes: not a table"
                     )
-                yield _plain(self._file, raw, self._encoding, n_lines + 1), not follows
+                part = _plain(self._file, raw, self._encoding, n_lines + 1)
+                yield unframed(part, self._first_part), not follows
                 n_lines += raw.count(mark)
 
 
@@ -451,6 +470,10 @@ def refuse_markers(
     return found
 
 
+_MOST_RANGES = 100
+"""Groups of lines that a message names; nobody types more of them."""
+
+
 def _marked_bad(columns: Sequence[Column], lines: NDArray[np.int64]) -> list[str]:
     """Return a warning for each column that calls some rows bad; they are read like the others."""
     found = []
@@ -467,12 +490,15 @@ def _marked_bad(columns: Sequence[Column], lines: NDArray[np.int64]) -> list[str
         if at.size == len(lines):
             found.append(f"{said}that is every row: ask what it means before you use the numbers")
             continue
-        parts = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
-        ends = ((int(lines[p[0]]), int(lines[p[-1]])) for p in parts)
-        every = ",".join(f"{a}" if a == b else f"{a}-{b}" for a, b in ends)
         most = (
             "if that means that these were not measured well, " if 2 * at.size > len(lines) else ""
         )
+        first = np.flatnonzero(np.diff(at, prepend=-2) > 1)
+        if first.size > _MOST_RANGES:
+            found.append(f"{said}{most}delete these rows in the file, {first.size} groups of them")
+            continue
+        ends = ((int(lines[p[0]]), int(lines[p[-1]])) for p in np.split(at, first[1:]))
+        every = ",".join(f"{a}" if a == b else f"{a}-{b}" for a, b in ends)
         found.append(f"{said}{most}leave them out with skip_lines='{every}'")
     return found
 
@@ -480,8 +506,9 @@ def _marked_bad(columns: Sequence[Column], lines: NDArray[np.int64]) -> list[str
 def without_empty_rows(table: Table) -> Table:
     """Return a table without the rows of which every field is empty, with a warning that names them."""
     filled = np.zeros(len(table), dtype=np.bool_)
-    for c in table.columns:
-        filled |= [bool(t) for t in c.labels or ()] if c.values is None else ~np.isnan(c.values)
+    for c in sorted(table.columns, key=lambda c: c.values is None):
+        if not filled.all():
+            filled |= list(map(bool, c.labels or ())) if c.values is None else ~np.isnan(c.values)
     if filled.all() or not filled.any():
         return table
     columns = tuple(
@@ -504,6 +531,8 @@ def interruption(table: Table) -> tuple[str, ...]:
     gaps = np.flatnonzero(np.diff(table.lines) > 1)
     if not gaps.size or "separator" not in table.header:
         return ()
+    if np.sum(np.diff(table.lines)[gaps] - 1) <= table.ledger.get("rule", 0):
+        return ()  # nothing but lines drawn between the rows
     first = int(table.lines[gaps[0]]) + 1
     return (
         (
@@ -551,8 +580,10 @@ class TableHead:
         others: list[tuple[int, str, str]] = []
         spans: dict[int, list[str]] = {}  # further lines of a name or a field in quotes
         position = number = n_measured = 0
-        if options.comment is None and are_rows_like_comments(text[:_FIRST_PART].split("\n")[:-1]):
+        first_lines = text[:_FIRST_PART].split("\n")[:-1] if options.comment is None else []
+        if are_rows_like_comments(first_lines):
             options = replace(options, comment=NO_COMMENT)
+        self._is_numbered = are_numbered_rows(first_lines)
         while position < len(text) and n_measured <= _SAMPLE:
             end = text.find("\n", position)
             end = len(text) if end < 0 else end
@@ -574,8 +605,11 @@ class TableHead:
                 options = replace(options, separator=options.separator or declared.group(1))
             elif not line.strip() and line.count("\t") < _FEW:
                 others.append((number, line, "blank"))
+            elif is_rule(line):
+                others.append((number, line, "rule"))
             elif is_comment(line, options.comment) and not (
-                self.has_own_runs and len(_SEPARATOR.findall(line)) >= n_marks
+                (self.has_own_runs and len(_SEPARATOR.findall(line)) >= n_marks)
+                or (self._is_numbered and is_named_by_number(line))
             ):
                 others.append((number, line, "comment"))
             else:
@@ -655,6 +689,7 @@ class TableHead:
             header=self._header,
             has_own_runs=self.has_own_runs,
             is_map=not self.facts["named"] and len(self.names) > _FEW,
+            is_numbered=self._is_numbered,
         )
 
 

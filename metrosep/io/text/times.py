@@ -10,8 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,15 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError
 
-__all__ = ["Moments", "RunningClock", "counted_moments", "is_moment", "may_be_minutes", "moments"]
+__all__ = [
+    "Entries",
+    "Moments",
+    "RunningClock",
+    "counted_moments",
+    "is_moment",
+    "may_be_minutes",
+    "moments",
+]
 
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _GERMAN = {"mrz": 3, "mär": 3, "mai": 5, "okt": 10, "dez": 12}
@@ -39,16 +46,6 @@ _DAY = 86400 * _SECOND
 _HALF = 43200 * _SECOND
 
 
-class _Parts(NamedTuple):
-    """What one text says: the numbers of its date, whether these may be swapped, ns of the day."""
-
-    date: tuple[int, int, int] | None  # year, month, day; for a/b/y the month is taken as first
-    swappable: bool
-    ns: int | None
-    zone: str
-    form: str  # of the time of day: "hh:mm", "hh:mm:ss", "mm:ss.f"; empty without one
-
-
 @dataclass(frozen=True, slots=True)
 class Moments:
     """A column of moments: what it holds, and when each row was."""
@@ -63,10 +60,12 @@ def is_moment(text: str) -> bool:
     return _MOMENT.fullmatch(text) is not None
 
 
-def may_be_minutes(texts: Sequence[str]) -> bool:
+def may_be_minutes(texts: Sequence[str], own: Entries) -> bool:
     """Return whether times such as 12:30 may be hours and minutes, or minutes and seconds."""
-    known = [t for t in texts if t]
-    return bool(known) and all(re.fullmatch(r"\d{1,4}:\d\d", t) for t in known)
+    rows = np.flatnonzero(~own.is_empty)
+    return bool((own.form[rows] == _FORMS.index("hh:mm")).all()) and all(
+        re.fullmatch(r"\d{1,4}:\d\d", texts[i].strip('"')) for i in rows.tolist()
+    )
 
 
 _COUNTED = (
@@ -80,10 +79,10 @@ _COUNTED = (
 )
 """First and last number of each count of time in the years in which instruments write files."""
 _SURE = 1e17  # as a time since the start of anything, in whatever unit, more than three years
-_CALENDAR = re.compile(
-    r"date|datum|time_?stamp|zeitstempel|unix|epoch|posix|filetime", re.IGNORECASE
-)
-"""Names of a column that says when a row was, not how long after the first."""
+_CALENDAR = re.compile(r"date|datum|unix|epoch|posix|filetime", re.IGNORECASE)
+"""Names of a column that says when a row was, not how long after the start of a logger."""
+_STAMP = re.compile(r"time_?stamp|zeitstempel", re.IGNORECASE)
+"""Names of a column that may say either: us of an uptime of 12 to 25 days are numbers like ms since 1970."""
 _FINE = {86400.0: 0.1 * 86400.0, 1e-3: 1.0}
 """Longest step in s of days (far below one) and of ms (as ns it would be 1 us: too fast for a table)."""
 
@@ -92,11 +91,12 @@ def counted_moments(name: str, values: FloatArray) -> tuple[FloatArray, str] | N
     """Return numbers of a clock without a unit in s from the first, and what they count; else None.
 
     A time that runs from the start of a logger in ms has the numbers of days of a spreadsheet, one in
-    us those of seconds since 1970: below `_SURE` the name must say that it is a date, and days and
-    seconds must have fractions.
+    us those of seconds since 1970: below `_SURE` the name must say that it is a date, and days, seconds
+    and whatever is called a time stamp must have fractions, which no counter has.
     """
     known = values[np.isfinite(values)]
     is_dated = _CALENDAR.search(name) is not None
+    is_stamp = _STAMP.search(name) is not None
     for low, high, seconds, what in _COUNTED:
         if not known.size or low > known.min() or known.max() > high:
             continue
@@ -105,52 +105,179 @@ def counted_moments(name: str, values: FloatArray) -> tuple[FloatArray, str] | N
             return found, what
         steps = np.diff(known) * seconds
         is_fine = steps.size > 0 and float(np.max(steps)) <= _FINE.get(seconds, np.inf)
-        has_fractions = seconds < 1.0 or bool(np.any(known % 1.0))
-        if is_dated and is_fine and has_fractions:
+        has_fractions = bool(np.any(known % 1.0))
+        is_counted = is_dated and seconds < 1.0
+        if is_fine and (is_counted or ((is_dated or is_stamp) and has_fractions)):
             return found, what
     return None
 
 
+class Entries:
+    """What the texts of a column say, as arrays of shape (n,): the parts of dates and times of day."""
+
+    def __init__(self, texts: Sequence[str]) -> None:
+        n = len(texts)
+        self.is_known = np.zeros(n, dtype=np.bool_)  # whether a text is a moment
+        self.is_empty = np.zeros(n, dtype=np.bool_)
+        self.is_dated = np.zeros(n, dtype=np.bool_)
+        self.is_swappable = np.zeros(n, dtype=np.bool_)  # a/b/y, of which a is taken as the month
+        self.date = np.zeros((3, n), dtype=np.int64)  # year, month, day
+        self.form = np.zeros(n, dtype=np.int8)  # of the time of day: index of `_FORMS`
+        self.ns = np.zeros(n, dtype=np.int64)  # of the day
+        for start in range(0, n, _CHUNK):
+            self._take(texts[start : start + _CHUNK], start)
+
+    def _take(self, texts: Sequence[str], start: int) -> None:
+        """Take some texts: those of one shape, digits for digits, are read at once."""
+        lengths = np.fromiter(map(len, texts), dtype=np.int64, count=len(texts))
+        self.is_empty[start : start + len(texts)] = lengths == 0
+        usual = int(lengths[0]) if lengths.size else 0
+        alike = bool((lengths == usual).all())
+        for length in [usual] if alike else np.unique(lengths).tolist():
+            rows = np.flatnonzero(lengths == length)
+            joined = "".join(texts if alike else [texts[i] for i in rows.tolist()])
+            if not 0 < length <= _LONGEST:
+                continue
+            encoding, kind = "ascii", "u1"
+            if not joined.isascii():  # full-width digits are digits
+                encoding, kind = "utf-32-le", "<u4"
+                joined = joined.translate(
+                    {ord(c): str(int(c)) for c in set(joined) if c.isdecimal()}
+                )
+            codes = np.frombuffer(joined.encode(encoding), dtype=kind).reshape(-1, length)
+            zero = codes.dtype.type(ord("0"))
+            shapes = np.where(codes - zero < _TEN, zero, codes)
+            left = np.arange(rows.size)
+            for _ in range(_SHAPES):
+                if not left.size:
+                    break
+                is_same = (shapes[left] == shapes[left[0]]).all(axis=1)
+                same = left[is_same]
+                self._take_shape(texts[int(rows[same[0]])], codes[same], start + rows[same])
+                left = left[~is_same]
+            for i in rows[left].tolist():
+                self.set(start + i, texts[i])
+
+    def set(self, i: int, text: str) -> None:
+        """Take one text by itself."""
+        codes = np.array([[ord("0") + int(c) if c.isdecimal() else ord(c) for c in text]])
+        self._take_shape(text, codes, np.array([i]))
+
+    def _take_shape(self, text: str, codes: NDArray[Any], rows: NDArray[np.intp]) -> None:
+        """Take texts of the shape of the first, which tells where its parts are."""
+        found = _MOMENT.fullmatch(text)
+        if found is None:
+            return
+        span = {
+            k.removeprefix("c_"): found.span(k)
+            for k, v in found.groupdict().items()
+            if v is not None
+        }
+
+        def whole(name: str) -> NDArray[np.int64]:
+            return _whole(codes, *span[name])
+
+        self.is_known[rows] = True
+        if "y" in span:
+            self.date[:, rows] = [whole("y"), whole("m"), whole("d")]
+        elif "a" in span:
+            year = whole("y2") + (2000 if np.ptp(span["y2"]) == len("26") else 0)
+            one, two = whole("a"), whole("b")
+            is_swappable = text[slice(*span["s2"])] != "."
+            self.is_swappable[rows] = is_swappable
+            self.date[:, rows] = [year, one, two] if is_swappable else [year, two, one]
+        elif "name" in span:
+            name = text[slice(*span["name"])].casefold()
+            month = _GERMAN.get(name) or (_MONTHS.index(name) + 1 if name in _MONTHS else 0)
+            year = whole("y3")
+            self.date[:, rows] = [year, np.full_like(year, month), whole("d3")]
+        self.is_dated[rows] = not span.keys().isdisjoint(("y", "a", "name"))
+        if "sf" in span:
+            self.ns[rows] = whole("mi") * 60 * _SECOND + _nanoseconds(text, codes, *span["sf"])
+        elif "h" in span:
+            hour, half = whole("h"), text[slice(*span.get("half", (0, 0)))][:1].casefold()
+            hour = hour % 12 + 12 * (half == "p") if half else hour
+            second = _nanoseconds(text, codes, *span["sec"]) if "sec" in span else 0
+            self.ns[rows] = (hour * 60 + whole("min")) * 60 * _SECOND + second
+        form = ("mm:ss.f", "hh:mm:ss", "hh:mm")[["sf" in span, "sec" in span, True].index(True)]
+        self.form[rows] = _FORMS.index(form) if "sf" in span or "h" in span else 0
+
+
+_FORMS = ("", "hh:mm", "hh:mm:ss", "mm:ss.f")
+"""Forms of a time of day; the first is that of a date alone."""
+_CHUNK = 2**15
+"""Texts that are looked at at once."""
+_LONGEST = 64
+"""Characters of the longest text that is looked at beside others."""
+_SHAPES = 64
+"""Shapes of texts of one length that are read at once: twelve months, times of two halves of a day."""
+_TEN = np.uint8(10)
+
+
+def _whole(codes: NDArray[Any], first: int, end: int) -> NDArray[np.int64]:
+    """Return the whole numbers that stand in columns of characters."""
+    found = np.zeros(codes.shape[0], dtype=np.int64)
+    for k in range(first, end):
+        found = found * 10 + (codes[:, k].astype(np.int64) - ord("0"))
+    return found
+
+
+def _nanoseconds(text: str, codes: NDArray[Any], first: int, end: int) -> NDArray[np.int64]:
+    """Return seconds such as 07.250 in ns."""
+    mark = next((k for k in range(first, end) if not text[k].isdigit()), end)
+    part = _whole(codes, mark + 1, end) * np.int64(10 ** (9 - max(end - mark - 1, 0)))
+    return np.asarray(_whole(codes, first, mark) * _SECOND + part, dtype=np.int64)
+
+
 def moments(
-    texts: Sequence[str], lines: NDArray[np.int64], where: str, days: Sequence[str] | None = None
+    texts: Sequence[str],
+    lines: NDArray[np.int64],
+    where: str,
+    days: Entries | None = None,
+    *,
+    entries: Entries | None = None,
 ) -> Moments | None:
-    """Return a column as moments, with the dates beside it; None where its texts are no moments."""
-    parts = [_parts(t) for t in texts]
-    known = [i for i, p in enumerate(parts) if p is not None]
-    if not known or any(t for t, p in zip(texts, parts, strict=True) if p is None):
+    """Return a column as moments, with the dates beside it; None where its texts are no moments.
+
+    `entries` are what the texts say, where that is known already.
+    """
+    said = Entries(texts) if entries is None else entries
+    if not said.is_known.any() or not (said.is_known | said.is_empty).all():
         return None
+    own = np.flatnonzero(said.is_known)
+    is_dated, dates, swappable = said.is_dated, said.date, said.is_swappable
     if days is not None:
-        beside = [_parts(d) for d in days]
-        if any(b is None or b.date is None for b in beside):
+        if not days.is_dated.all():
             return None
-        parts = [
-            None if p is None or b is None else p._replace(date=b.date, swappable=b.swappable)
-            for p, b in zip(parts, beside, strict=True)
-        ]
-    own = [p for p in parts if p is not None]
-    dated = {p.date is not None for p in own}
-    timed = {p.ns is not None for p in own}
-    if len(dated) > 1 or len(timed) > 1:
+        is_dated, dates, swappable = days.is_dated, days.date, days.is_swappable
+    forms = said.form[own]
+    dated, timed = is_dated[own], forms > 0
+    if dated.any() != dated.all() or timed.any() != timed.all():
         return None
-    ns = np.zeros(len(own), dtype=np.int64)
-    start = texts[known[0]]
-    if dated == {True}:
-        dates, start = _days(own, lines, where)
-        ns = dates * _DAY
-    if timed == {True}:
-        _refuse_mixed(own, [texts[i] for i in known], [int(lines[i]) for i in known], where)
-        clock = np.array([p.ns or 0 for p in own], dtype=np.int64)
-        if dated == {False}:  # a clock that falls by half a day and more has passed midnight
+    ns = np.zeros(own.size, dtype=np.int64)
+    clock = said.ns[own]
+    start = texts[own[0]].strip('"')
+    if dated[0]:
+        whole_days, start = _days(dates[:, own], swappable[own], clock, lines, where)
+        ns = whole_days * _DAY
+    if timed[0]:
+        if (forms != forms[0]).any():
+            usual = int(np.argmax(np.bincount(forms)))
+            i = own[np.flatnonzero(forms != usual)[0]]
+            raise AmbiguousFormatError(
+                f"{where}: line {int(lines[i])}: time {texts[i]!r} stands among times of the form {_FORMS[usual]}; "
+                "write all of them alike, or give sampling_rate="
+            )
+        if not dated[0]:  # a clock that falls by half a day and more has passed midnight
             ns[1:] = np.cumsum(np.diff(clock) < -_HALF) * _DAY
         ns = ns + clock
-        first = own[0]
-        if dated == {True}:
-            start = " or ".join(
-                f"{day}T{_iso(clock[0])}{first.zone}" for day in start.split(" or ")
-            )
-    seconds = np.full(len(texts), np.nan)
-    seconds[known] = (ns - ns[0]) * 1e-9
-    kind = "moment" if dated == timed == {True} else "date" if dated == {True} else "clock"
+        if dated[0]:
+            found = _MOMENT.fullmatch(texts[own[0]].strip('"'))
+            zone = "" if found is None else found["zone"] or ""
+            start = " or ".join(f"{day}T{_iso(clock[0])}{zone}" for day in start.split(" or "))
+    seconds = np.full(len(lines), np.nan)
+    seconds[own] = (ns - ns[0]) * 1e-9
+    kind = "moment" if dated[0] and timed[0] else "date" if dated[0] else "clock"
     return Moments(kind, seconds, start)
 
 
@@ -164,105 +291,113 @@ class RunningClock:
         self._where = where
         self._first: int | None = None
         self._last = self._days = 0
-        self._form: tuple[bool, str] | None = None
+        self._form: tuple[bool, int] | None = None
 
     def seconds(
         self, texts: Sequence[str], lines: NDArray[np.int64], days: Sequence[str] | None = None
     ) -> FloatArray:
         """Return the next part, NaN where there is no text; with the dates beside it, if there are."""
+        own = Entries(texts)
+        beside = None if days is None else Entries(days)
+        rows = np.flatnonzero(~own.is_empty)
         found = np.full(len(texts), np.nan)
-        for i, text in enumerate(texts):
-            if not text:
-                continue
-            line = int(lines[i])
-            part = self._plain(text, line)
-            if days is not None:
-                part = part._replace(date=self._plain(days[i], line).date)
-            own = (part.date is not None, part.form)
-            if self._form is None:
-                self._form = own
-            elif own != self._form:
-                raise self._odd(text, line, "is of another form than those above it")
-            if own == (False, "hh:mm"):
-                raise self._odd(text, line, "may be hours and minutes, or minutes and seconds")
-            ns = part.ns or 0
-            if part.date is not None:
-                ns += int(_day(*part.date).astype(np.int64)) * _DAY
-            else:  # past midnight
-                ns += self._days * _DAY
-                if ns - self._last < -_HALF:
-                    self._days += 1
-                    ns += _DAY
-            self._first = ns if self._first is None else self._first
-            self._last = ns
-            found[i] = (ns - self._first) * 1e-9
+        if not rows.size:
+            return found
+        dated = own if beside is None else beside
+        form = dated.is_dated[rows], own.form[rows]
+        first = self._form or (bool(form[0][0]), int(form[1][0]))
+        faults = [
+            *self._faults(own, rows, texts),
+            *(() if beside is None else self._faults(beside, rows, days or ())),
+            (
+                (form[0] != first[0]) | (form[1] != first[1]),
+                texts,
+                "is of another form than those above it",
+            ),
+            (
+                ~form[0] & (form[1] == _FORMS.index("hh:mm")),
+                texts,
+                "may be hours and minutes, or minutes and seconds",
+            ),
+        ]
+        if any(f.any() for f, _, _ in faults):
+            _, k = min((int(np.argmax(f)), k) for k, (f, _, _) in enumerate(faults) if f.any())
+            wrong, shown, why = faults[k]
+            i = int(rows[np.argmax(wrong)])
+            raise AmbiguousFormatError(
+                f"{self._where}: line {int(lines[i])}: {shown[i]!r} {why}; read the file as a whole with "
+                "metrosep.read, or name the other channels with channels="
+            )
+        self._form = first
+        ns = own.ns[rows]
+        if first[0]:
+            ns = ns + _day_numbers(*dated.date[:, rows])[0] * _DAY
+        else:  # past midnight
+            fell = np.diff(ns, prepend=self._last) < -_HALF
+            self._last = int(ns[-1])
+            ns = ns + (self._days + np.cumsum(fell)) * _DAY
+            self._days += int(fell.sum())
+        self._first = int(ns[0]) if self._first is None else self._first
+        found[rows] = (ns - self._first) * 1e-9
         return found
 
-    def _plain(self, text: str, line: int) -> _Parts:
-        part = _parts(text)
-        if part is None or (part.date is not None and not _is_date(*part.date)):
-            raise self._odd(text, line, "is not a date or a time of day")
-        if part.swappable and part.date is not None and part.date[1] != part.date[2]:
-            raise self._odd(
-                text, line, "may be day/month or month/day, which only the whole tells"
-            )
-        return part
-
-    def _odd(self, text: str, line: int, why: str) -> AmbiguousFormatError:
-        return AmbiguousFormatError(
-            f"{self._where}: line {line}: {text!r} {why}; read the file as a whole with metrosep.read, or "
-            "name the other channels with channels="
-        )
+    @staticmethod
+    def _faults(
+        entries: Entries, rows: NDArray[np.intp], texts: Sequence[str]
+    ) -> list[tuple[NDArray[np.bool_], Sequence[str], str]]:
+        """Return for each reason which rows it holds for."""
+        date = entries.date[:, rows]
+        is_date = _day_numbers(*date)[1] | ~entries.is_dated[rows]
+        either = entries.is_swappable[rows] & (date[1] != date[2])
+        return [
+            (~(entries.is_known[rows] & is_date), texts, "is not a date or a time of day"),
+            (either, texts, "may be day/month or month/day, which only the whole tells"),
+        ]
 
 
-def _refuse_mixed(
-    own: Sequence[_Parts], texts: Sequence[str], lines: Sequence[int], where: str
-) -> None:
-    """Refuse a column in which 12:30 may be hours and minutes, or minutes and seconds."""
-    forms = [p.form for p in own]
-    if len(set(forms)) == 1:
-        return
-    usual = max(set(forms), key=forms.count)
-    i = next(i for i, form in enumerate(forms) if form != usual)
-    raise AmbiguousFormatError(
-        f"{where}: line {lines[i]}: time '{texts[i]}' stands among times of the form {usual}; write all "
-        "of them alike, or give sampling_rate="
-    )
+def _day_numbers(
+    year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return the days since 1970, and which dates there are: no 31 February."""
+    months = (year - 1970) * 12 + (month - 1)
+    start = months.astype("M8[M]")
+    days = start.astype("M8[D]") + (day - 1)
+    is_date = (month >= 1) & (month <= 12) & (day >= 1) & (days.astype("M8[M]") == start)
+    return days.astype(np.int64), is_date
 
 
 def _days(
-    own: Sequence[_Parts], lines: NDArray[np.int64], where: str
+    dates: NDArray[np.int64],
+    swappable: NDArray[np.bool_],
+    clock: NDArray[np.int64],
+    lines: NDArray[np.int64],
+    where: str,
 ) -> tuple[NDArray[np.int64], str]:
     """Return the days since 1970, and the first; what may be day or month is settled or refused."""
-    dates = [p.date for p in own if p.date is not None]
+    year, one, two = dates
     readings = []
-    for swapped in (False, True) if any(p.swappable for p in own) else (False,):
-        try:
-            readings.append(
-                np.array(
-                    [_day(y, *((d, m) if swapped else (m, d))) for y, m, d in dates], dtype="M8[D]"
-                )
-            )
-        except ValueError:
-            continue
+    for month, day in ((one, two), (two, one)) if swappable.any() else ((one, two),):
+        numbers, is_date = _day_numbers(year, month, day)
+        if is_date.all():
+            readings.append(numbers)
     if not readings:
-        i = next((i for i, p in enumerate(dates) if not _is_date(*p)), 0)
+        i = int(np.argmin(_day_numbers(year, one, two)[1]))
         raise AmbiguousFormatError(
             f"{where}: line {int(lines[i])}: no order of day, month and year fits all dates; write them "
             "as yyyy-mm-dd, or give sampling_rate="
         )
     first, last = readings[0], readings[-1]
-    start = str(first[0]) if first[0] == last[0] else f"{first[0]} or {last[0]}"
-    clock = np.array([p.ns or 0 for p in own], dtype=np.int64)
-    likely = [r for r in readings if _is_even(r.astype(np.int64) * _DAY + clock)]
+    begins = [str(np.datetime64(int(r[0]), "D")) for r in (first, last)]
+    start = begins[0] if first[0] == last[0] else " or ".join(begins)
     if not np.array_equal(first - first[0], last - last[0]):
+        likely = [r for r in readings if _is_even(r * _DAY + clock)]
         if len(likely) != 1:
             raise AmbiguousFormatError(
                 f"{where}: line {int(lines[0])}: the dates may be day/month or month/day, and both give "
                 "steps of time; write them as yyyy-mm-dd, or give sampling_rate="
             )
-        first, start = likely[0], str(likely[0][0])
-    return first.astype(np.int64), start
+        first, start = likely[0], str(np.datetime64(int(likely[0][0]), "D"))
+    return first, start
 
 
 def _is_even(ns: NDArray[np.int64]) -> bool:
@@ -270,61 +405,6 @@ def _is_even(ns: NDArray[np.int64]) -> bool:
     steps = np.diff(ns)
     usual = np.median(steps) if steps.size else 0.0
     return bool(usual > 0 and np.all(np.abs(steps - usual) <= 0.5 * usual))
-
-
-@lru_cache(maxsize=4096)
-def _day(year: int, month: int, day: int) -> np.datetime64:
-    return np.datetime64(f"{year:04d}-{month:02d}-{day:02d}", "D")
-
-
-def _is_date(year: int, month: int, day: int) -> bool:
-    try:
-        _day(year, month, day)
-    except ValueError:
-        return False
-    return True
-
-
-def _parts(text: str) -> _Parts | None:
-    """Return what a text says, None where it is no moment."""
-    found = _MOMENT.fullmatch(text)
-    if found is None:
-        return None
-    named = {k.removeprefix("c_"): v for k, v in found.groupdict().items() if v is not None}
-    date, swappable = None, False
-    if "y" in named:
-        date = int(named["y"]), int(named["m"]), int(named["d"])
-    elif "a" in named:
-        year = int(named["y2"]) + (2000 if len(named["y2"]) == 2 else 0)
-        one, two = int(named["a"]), int(named["b"])
-        swappable = named["s2"] != "."
-        date = (year, one, two) if swappable else (year, two, one)
-    elif "name" in named:
-        name = named["name"].casefold()
-        month = _GERMAN.get(name) or (_MONTHS.index(name) + 1 if name in _MONTHS else 0)
-        date = int(named["y3"]), month, int(named["d3"])
-    ns = None
-    if "sf" in named:
-        ns = int(named["mi"]) * 60 * _SECOND + _nanoseconds(named["sf"])
-    elif "h" in named:
-        hour, half = int(named["h"]), named.get("half", "")[:1].casefold()
-        hour = hour % 12 + 12 * (half == "p") if half else hour
-        ns = (hour * 60 + int(named["min"])) * 60 * _SECOND + _nanoseconds(named.get("sec", "0"))
-    form = (
-        "mm:ss.f"
-        if "sf" in named
-        else "hh:mm:ss"
-        if "sec" in named
-        else "hh:mm"
-        if "h" in named
-        else ""
-    )
-    return _Parts(date, swappable, ns, named.get("zone", ""), form)
-
-
-def _nanoseconds(text: str) -> int:
-    whole, _, part = re.sub("[,:]", ".", text).partition(".")
-    return int(whole) * _SECOND + int(part.ljust(9, "0") or 0)
 
 
 def _iso(ns: int) -> str:

@@ -1,0 +1,175 @@
+"""Tables that are drawn for a person: frames of bars and dashes, rows that are named #1, #2."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+from metrosep.errors import ReadError
+
+X = np.array([0.0, 0.5, 1.0, 1.5, 2.0])  # mm
+Z = np.array([0.123, -0.234, 0.345, 0.456, -0.321])  # um, no two alike
+PM = 1e-12
+"""Numbers are those of the text, times a power of ten."""
+
+
+def _read(tmp_path: Path, text: str) -> tuple[np.ndarray, np.ndarray, ms.Profile]:
+    path = tmp_path / "drawn.txt"
+    path.write_text(text, encoding="utf-8")
+    profile = ms.read(path)
+    assert isinstance(profile, ms.Profile)
+    return profile.x * 1e3, profile.z * 1e6, profile
+
+
+def _rows(left: str = "| ", mark: str = " | ", right: str = " |") -> list[str]:
+    return [f"{left}{x}{mark}{z}{right}" for x, z in zip(X, Z, strict=True)]
+
+
+RULE = "+------+--------+"
+FRAMES = {
+    "frame": [RULE, "| x_mm | z_um |", RULE, *_rows(), RULE],
+    "grid": [
+        RULE,
+        "| x_mm | z_um |",
+        "+======+=======+",
+        *(s for r in _rows() for s in (r, RULE)),
+    ],
+    "markdown": ["| x_mm | z_um |", "|---|--:|", *_rows()],
+    "database": [" x_mm | z_um", "------+------", *_rows(" ", right=""), "(5 rows)"],
+    "box": ["┌──────┬──────┐", "│ x_mm │ z_um │", "├──────┼──────┤"]
+    + [r.replace("|", "│") for r in _rows()]
+    + ["└──────┴──────┘"],
+    "comma": ["╔═════╦═════╗", "║ x_mm ║ z_um ║", "╠═════╬═════╣"]
+    + [r.replace("|", "║").replace(".", ",") for r in _rows()],
+    "numbered": [f"#{k};{r}" for k, r in enumerate(["", *_rows("", ";", "")]) if r],
+    "numbered under a comment": ["# LogPro 3", "# nr;x_mm;z_um"]
+    + [f"#{k};{r}" for k, r in enumerate(_rows("", ";", ""), start=1)],
+}
+
+
+@pytest.mark.parametrize("drawn", [k for k in FRAMES if k != "numbered"])
+def test_a_drawn_table_is_read_with_every_row(tmp_path: Path, drawn: str) -> None:
+    x, z, profile = _read(tmp_path, "\n".join(FRAMES[drawn]) + "\n")
+
+    np.testing.assert_array_equal(x, X)
+    np.testing.assert_allclose(z, Z, rtol=0, atol=PM)
+    lines = profile.metadata["lines"]
+    assert lines["data"] == X.size
+    assert lines["total"] == len(FRAMES[drawn])
+
+
+def test_rows_named_by_number_need_no_header(tmp_path: Path) -> None:
+    path = tmp_path / "numbered.csv"
+    path.write_text("\n".join(FRAMES["numbered"]) + "\n", encoding="utf-8")
+
+    profile = ms.read(path, unit="mm")
+
+    assert isinstance(profile, ms.Profile)
+    np.testing.assert_allclose(profile.x * 1e3, X, rtol=0, atol=PM)
+    np.testing.assert_allclose(profile.z * 1e3, Z, rtol=0, atol=PM)
+
+
+def test_comments_with_numbers_are_no_rows(tmp_path: Path) -> None:
+    """Only counted rows are: a comment above a table may hold numbers too."""
+    text = "#1;9;9\n#2;9;9\n#3;9;9\nx_mm;z_um\n" + "\n".join(_rows("", ";", "")) + "\n"
+
+    x, _, _ = _read(tmp_path, text)
+
+    np.testing.assert_array_equal(x, X)
+
+
+def test_a_gap_in_the_numbers_of_rows_is_no_table(tmp_path: Path) -> None:
+    path = tmp_path / "gap.csv"
+    path.write_text("#1;0.0;1\n#2;0.5;2\n#4;1.5;3\n", encoding="utf-8")
+
+    with pytest.raises(ReadError):
+        ms.read(path, unit="mm")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right"),
+    [("| 1.0 | 0.345 |", "| 1.0  0.345 |"), ("| 1.5 | 0.456 |", "| 1.5 | 0.456 | 7 |")],
+)
+def test_a_damaged_row_of_a_frame_is_named(tmp_path: Path, wrong: str, right: str) -> None:
+    lines = FRAMES["frame"]
+    number = lines.index(wrong) + 1
+
+    with pytest.raises(ReadError, match=f"line {number}"):
+        _read(tmp_path, "\n".join(lines).replace(wrong, right) + "\n")
+
+
+def test_an_empty_cell_of_a_frame_is_not_measured(tmp_path: Path) -> None:
+    text = "\n".join(FRAMES["grid"]).replace("0.345", "     ") + "\n"
+
+    _, z, _ = _read(tmp_path, text)
+
+    assert np.isnan(z).tolist() == [False, False, True, False, False]
+
+
+def test_lines_drawn_between_samples_are_no_lost_samples(tmp_path: Path) -> None:
+    path = tmp_path / "grid.txt"
+    path.write_text("\n".join(FRAMES["grid"]) + "\n", encoding="utf-8")
+
+    recording = ms.read(path, sampling_rate="1 kHz")
+
+    assert not [w for w in recording.metadata["warnings"] if "holds no sample" in w]
+
+
+def test_a_second_position_that_is_not_used_is_reported(tmp_path: Path) -> None:
+    rows = [f"{k // 30},{k % 30},{k // 30 * 5},{k % 7}" for k in range(120)]
+    path = tmp_path / "lines.csv"
+    path.write_text("run,x_mm,y_mm,z_um\n" + "\n".join(rows) + "\n", encoding="utf-8")
+
+    runs = ms.read_runs(path, x="x_mm", z="z_um", run="run")
+
+    assert [w for w in runs.metadata["warnings"] if "'y_mm' goes from 0 to 15 mm" in w]
+
+
+def test_a_message_on_bad_rows_stays_short(tmp_path: Path) -> None:
+    rows = [f"{k},{k % 9},{'ok' if k % 2 else 'bad'}" for k in range(3000)]
+    path = tmp_path / "alternate.csv"
+    path.write_text("x_mm,z_um,status\n" + "\n".join(rows) + "\n", encoding="utf-8")
+
+    (said,) = (w for w in ms.read(path).metadata["warnings"] if "status" in w)
+
+    assert "1500 groups" in said
+    assert len(said) < 400
+
+
+def test_a_feed_with_a_comma_and_no_proof_is_refused(tmp_path: Path) -> None:
+    """1,234 mm/min may be 1.234 or 1234: the unit behind it has a stroke in it."""
+    rows = [f"{k};1,23{k} mm/min" for k in range(5)]
+    path = tmp_path / "feed.csv"
+    path.write_text("t_s;feed\n" + "\n".join(rows) + "\n", encoding="utf-8")
+
+    with pytest.raises(ReadError, match=r"1\.230 or 1230"):
+        ms.read(path)
+
+
+@pytest.mark.parametrize("mark", ["\u2009", "\u2019", "\u202f"])
+def test_groups_between_thin_blanks_are_groups(tmp_path: Path, mark: str) -> None:
+    text = "x_mm;z_um\n" + "".join(f"{k};1{mark}{k}34,5\n" for k in range(5))
+
+    _, z, _ = _read(tmp_path, text)
+
+    np.testing.assert_allclose(z, 1034.5 + 100.0 * np.arange(5), rtol=0, atol=1e-9)
+
+
+def test_rows_that_all_begin_with_a_typeset_minus_have_one_decimal_mark(tmp_path: Path) -> None:
+    text = "x_mm;z_um\n" + "".join(f"{k};\u2212{k}.5\n" for k in range(5))
+
+    _, z, _ = _read(tmp_path, text)
+
+    np.testing.assert_allclose(z, -0.5 - np.arange(5), rtol=0, atol=PM)
+
+
+def test_an_empty_column_between_named_ones_needs_no_name(tmp_path: Path) -> None:
+    text = "Position,,Height\nmm,,um\n" + "".join(f"{k},,{k}.5\n" for k in range(5))
+
+    x, z, _ = _read(tmp_path, text)
+
+    np.testing.assert_allclose(x, np.arange(5), rtol=0, atol=PM)
+    np.testing.assert_allclose(z, 0.5 + np.arange(5), rtol=0, atol=PM)
