@@ -12,6 +12,7 @@ import math
 import os
 import re
 import shlex
+import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -231,15 +232,19 @@ def told_columns(
     file = open_file(path)
     content = _content(file, layout)
     specs = _told_specs(*_as_columns(*content), given, angles=angles)
-    if sum(f.size for f, *_ in _AHEAD.values()) + file.size <= _MOST_AHEAD:
-        _AHEAD[_key(file, layout)] = content
+    if file.size <= _MOST_AHEAD:
+        with _LOCK:
+            while sum(f.size for f, *_ in _AHEAD.values()) + file.size > _MOST_AHEAD:
+                del _AHEAD[next(iter(_AHEAD))]
+            _AHEAD[_key(file, layout)] = content
     return specs
 
 
 _AHEAD: dict[tuple[Any, ...], tuple[RawFile, Table | RunSet | Recording, str]] = {}
 """What was read to see whether files tell their runs, until it is taken."""
 _MOST_AHEAD = 2**26
-"""Bytes of files that may wait there."""
+"""Bytes of files that may wait there; the oldest go first."""
+_LOCK = threading.Lock()
 
 
 def _key(file: RawFile, layout: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -296,8 +301,9 @@ def _told_runs(path: str | os.PathLike[str], given: Mapping[str, Any], *, angles
     """Return the runs of one file, which is read once."""
     layout = {k: v for k, v in given.items() if k in TEXT_OPTIONS}
     file = open_file(path)
-    key = _key(file, layout)
-    file, content, known = _AHEAD.pop(key) if key in _AHEAD else _content(file, layout)
+    with _LOCK:
+        ahead = _AHEAD.pop(_key(file, layout), None)
+    file, content, known = ahead or _content(file, layout)
     if not given and isinstance(content, RunSet):
         return content
     if not given and isinstance(content, Table):
