@@ -54,6 +54,8 @@ _NOTHING = 0.02
 """Of a polynomial: if less is left of it beside the model, it is the rounding of a block's edge."""
 _NOISE = np.geomspace(1e-8, 10.0, 19)
 """White noise below a spectrum, over the mean power that this has along the polynomials."""
+_LAY = 1.0 / 8.0
+"""Odds of a lay: its angle is taken from the residual, and eight can be distinguished on the lowest ring."""
 _RARE = 1e-4
 """Of all odds: a spectrum of less changes no digit of u."""
 
@@ -394,16 +396,16 @@ def _next_to_the_model(
     """Return the covariance that the polynomials beside the model ask for, their number, and a flag.
 
     t = F' r is the residual along orthonormal polynomials F of which nothing lies in the model. No fit
-    changes them, so that they are normal with the covariance F' C F (restricted likelihood). C is
-    white noise, or a spectrum of `_spectra` with white noise below it; the two have equal odds, all
-    spectra and all levels of the noise within the second as well. With the scale of each integrated out, t
-    gives every C a weight and every parameter a Student distribution of as many degrees of freedom as
-    there are polynomials. u is such that the mixture of these holds COVERAGE within t(n) u. No parameter
-    gets more than a bound by energy (`_bound`); the flag says that it was at work.
+    changes them, so that they are normal with the covariance F' C F (restricted likelihood). C is white
+    as far as the residual reaches, white along the polynomials only, or a spectrum of `_spectra` with
+    white noise below it, alike in all directions, all with equal odds; or a lay (`_LAY`). With the scale
+    of each integrated out, the residual gives every C a weight and every parameter a Student distribution.
+    u is such that the mixture of these holds COVERAGE within t(n) u. No parameter gets more than a bound
+    by energy (`_bound`); the flag says that it was at work.
     """
     Q, R, r = _factors(J, r)
     N, p = Q.shape
-    inverse = np.linalg.inv(R)
+    inverse = np.asarray(np.linalg.inv(R), dtype=np.float64)
     white = inverse @ inverse.T
     size = float(np.sqrt(r @ r / N))
     r = r / (size or 1.0)
@@ -414,34 +416,79 @@ def _next_to_the_model(
     if n == 0 or not float(t @ t) > _ROUNDING**2 * N:  # it says nothing
         return white * (size**2 * float(r @ r) / (N - p)), n, False
     last = top if is_line else top + _BEYOND[-1]
-    f, G = _waves(x, y, np.hstack([Q, F]), last, is_line=is_line)
-    S = _spectra(f)
-    S /= (S @ np.trace(G[:, p:, p:], axis1=1, axis2=2) / n)[:, None]
-    power, axes = np.linalg.eigh(np.tensordot(S, G[:, p:, p:], 1))
+    found = _white(t, float(r @ r), N - p, white)
+    B = np.column_stack([Q, F, r])
+    f, G, across = _waves(x, y, B, last, angle=0.0 if is_line else None)
+    found += _coloured(f, G, t, inverse, *_spectra(f))
+    if not is_line:
+        f, G, _ = _waves(x, y, B, last, angle=across)
+        S, odds = _spectra(f, n_smooth=16)
+        found += _coloured(f, G, t, inverse, S, _LAY * odds)
+    logs = np.array([v for v, _, _ in found])
+    kept = np.nonzero(logs > logs.max() + np.log(_RARE))[0]
+    weights = np.exp(logs[kept] - logs.max())
+    weights /= weights.sum()
+    covs = np.stack([found[k][2] for k in kept])
+    mean = np.tensordot(weights, covs, 1)
+    freedom = np.array([found[k][1] for k in kept])
+    u = _of_mixture(weights, np.sqrt(np.diagonal(covs, axis1=1, axis2=2)), freedom, n)
+    s2 = float(r @ r) / (N - p)
+    u = np.maximum(u, np.sqrt(s2 * np.diag(white)))  # a lay may leave a parameter nothing
+    most = _bound(np.diag(R @ mean @ R.T), order, s2, float(r @ r))
+    held = np.minimum(u, np.sqrt(np.square(inverse) @ most))
+    scale = size * held / np.sqrt(np.diag(mean))
+    return mean * np.outer(scale, scale), n, bool((held < u)[1:].any())
+
+
+def _white(
+    t: FloatArray, energy: float, freedom: int, white: FloatArray
+) -> list[tuple[float, float, FloatArray]]:
+    """Return log odds, degrees of freedom and covariance of two kinds of white deviations.
+
+    Those that are white as far as the residual reaches have one level along the polynomials, a = t' t,
+    and in the m other directions, b. Those that are flat along the polynomials only (a short correlation)
+    have two, and the second may lie anywhere within the range of `_NOISE`, as under every spectrum. With
+    the levels integrated out the first has the odds
+    G((n + m)/2) (a + b)^-((n + m)/2) : G(n/2) a^(-n/2) G(m/2) b^(-m/2) / log range.
+    """
+    from scipy.special import gammaln
+
+    n, a = t.size, float(t @ t)
+    m, b = freedom - n, max(energy - a, 0.0)
+    found = [(-0.5 * n * np.log(a), float(n), white * (a / n))]
+    if m > 0 and b > 0.0:
+        log = gammaln(0.5 * (n + m)) - gammaln(0.5 * n) - gammaln(0.5 * m)
+        log += 0.5 * m * np.log(b) - 0.5 * (n + m) * np.log(a + b)
+        log += np.log(np.log(_NOISE[-1] / _NOISE[0]))
+        found.append((float(log), float(n + m), white * ((a + b) / (n + m))))
+    return found
+
+
+def _coloured(
+    f: FloatArray,
+    G: FloatArray,
+    t: FloatArray,
+    inverse: FloatArray,
+    S: FloatArray,
+    odds: FloatArray,
+) -> list[tuple[float, float, FloatArray]]:
+    """Return log odds, degrees of freedom and covariance under each spectrum and level of noise."""
+    n, p = t.size, inverse.shape[0]
+    own, beside = G[:, :p, :p], G[:, p : p + n, p : p + n]
+    S = S / (S @ np.trace(beside, axis1=1, axis2=2) / n)[:, None]
+    power, axes = np.linalg.eigh(np.tensordot(S, beside, 1))
     along = np.square(np.einsum("cij,i->cj", axes, t))
     variances = np.maximum(power, 0.0)[:, None] + _NOISE[:, None]  # (spectrum, noise, polynomial)
     left = (along[:, None] / variances).sum(axis=2)
     logs = -0.5 * np.log(variances).sum(axis=2) - 0.5 * n * np.log(left)
-    logs_white = -0.5 * n * np.log(float(t @ t))
-    highest = max(float(logs.max()), logs_white)
-    odds = np.exp(logs - highest) / logs.size
-    kept = [(float(np.exp(logs_white - highest)), white * (float(t @ t) / n))]
-    for c in np.nonzero(odds.sum(axis=1) > _RARE * max(odds.sum(), kept[0][0]))[0]:
-        shape = inverse @ np.tensordot(S[c], G[:, :p, :p], 1) @ inverse.T
-        kept += [
-            (float(o), (shape + noise * white) * (v / n))
-            for o, noise, v in zip(odds[c], _NOISE, left[c], strict=True)
-            if o > _RARE * odds[c].max()
-        ]
-    weights = np.array([o for o, _ in kept])
-    weights /= weights.sum()
-    covs = np.stack([v for _, v in kept])
-    mean = np.tensordot(weights, covs, 1)
-    u = _of_mixture(weights, np.sqrt(np.diagonal(covs, axis1=1, axis2=2)), n)
-    most = _bound(np.diag(R @ mean @ R.T), order, float(r @ r) / (N - p), float(r @ r))
-    held = np.minimum(u, np.sqrt(np.square(inverse) @ most))
-    scale = size * held / np.sqrt(np.diag(mean))
-    return mean * np.outer(scale, scale), n, bool((held < u)[1:].any())
+    logs += np.log(odds / _NOISE.size)[:, None]
+    white = inverse @ inverse.T
+    kept = np.argwhere(logs > logs.max() + np.log(_RARE))
+    shapes = {c: inverse @ np.tensordot(S[c], own, 1) @ inverse.T for c in np.unique(kept[:, 0])}
+    return [
+        (float(logs[c, k]), float(n), (shapes[c] + _NOISE[k] * white) * (left[c, k] / n))
+        for c, k in kept
+    ]
 
 
 def _bound(law: FloatArray, order: FloatArray, s2: float, left: float) -> FloatArray:
@@ -459,17 +506,17 @@ def _bound(law: FloatArray, order: FloatArray, s2: float, left: float) -> FloatA
     return most
 
 
-def _of_mixture(weights: FloatArray, sd: FloatArray, n: int) -> FloatArray:
+def _of_mixture(weights: FloatArray, sd: FloatArray, freedom: FloatArray, n: int) -> FloatArray:
     """Return u of which t(n) u holds COVERAGE of Student distributions with these deviations (k, p)."""
     from scipy.special import stdtr
 
-    k = expanding_factor(n)
-    low, high = k * sd.min(axis=0), k * sd.max(axis=0)
-    for _ in range(40):
+    most = max(expanding_factor(float(v)) for v in np.unique(freedom))
+    low, high = np.zeros(sd.shape[1]), most * sd.max(axis=0)
+    for _ in range(50):
         middle = 0.5 * (low + high)
-        short = weights @ (2.0 * stdtr(n, middle / sd) - 1.0) < COVERAGE
+        short = weights @ (2.0 * stdtr(freedom[:, None], middle / sd) - 1.0) < COVERAGE
         low, high = np.where(short, middle, low), np.where(short, high, middle)
-    return np.asarray(high / k)
+    return np.asarray(high / expanding_factor(n))
 
 
 def _beside(Q: FloatArray, x: FloatArray, y: FloatArray, top: int, *, is_line: bool) -> FloatArray:
@@ -498,13 +545,15 @@ def _beside(Q: FloatArray, x: FloatArray, y: FloatArray, top: int, *, is_line: b
 
 
 def _waves(
-    x: FloatArray, y: FloatArray, B: FloatArray, top: int, *, is_line: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Return frequencies times the width, and the Gram matrices of columns B under waves of each.
+    x: FloatArray, y: FloatArray, B: FloatArray, top: int, *, angle: float | None
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return frequencies times the width, the Gram matrices of columns B under waves of each, and an angle.
 
     B' C B of an isotropic spectrum S is the integral of S(f) |B^(f)|^2 over the plane: rings, equal
-    angles on each, as many as make it exact for lags within the width D. A polynomial of degree d has
-    its energy about f = (d + 1) / (pi side), so that beyond the last ring S is white to all of them.
+    angles on each, as many as make it exact for lags within the width D. Of a lay, which lies at one
+    angle, it is that over a line. A polynomial of degree d has its energy about f = (d + 1) / (pi side),
+    so that beyond the last ring S is white to all of them. The angle is that of the second moment of the
+    spectrum of the last column, across its lay.
     """
     x, y = x - 0.5 * (x.min() + x.max()), y - 0.5 * (y.min() + y.max())
     D = 2.0 * float(np.sqrt(np.max(x * x + y * y)))
@@ -512,29 +561,38 @@ def _waves(
     step = 1.0 / 3.0  # the lags of a step of 1/(3 D) come round at 3 D
     n = int(np.ceil((top + 6) / np.pi * D / side / step))
     f = np.concatenate([np.geomspace(0.02, step, 8)[:-1], step * np.arange(1, n + 1)])
-    width = np.gradient(f) * (1.0 if is_line else f)
-    grams = []
+    width = np.gradient(f) * (f if angle is None else 1.0)
+    grams, moment = [], 0.0 + 0.0j
     for ring, share in zip(f, width, strict=True):
-        angles = 1 if is_line else int(np.ceil(np.pi * ring + 8.0))
-        angle = np.pi / angles * (np.arange(angles) + (0.0 if is_line else 0.5))
-        phase = 2.0 * np.pi * ring / D * (np.outer(np.cos(angle), x) + np.outer(np.sin(angle), y))
+        n = int(np.ceil(np.pi * ring + 8.0))
+        at = np.pi / n * (np.arange(n) + 0.5) if angle is None else np.array([angle])
+        phase = 2.0 * np.pi * ring / D * (np.outer(np.cos(at), x) + np.outer(np.sin(at), y))
         waves = np.concatenate([np.cos(phase) @ B, np.sin(phase) @ B])
-        grams.append(share / angles * (waves.T @ waves))
-    return f, np.asarray(grams)
+        grams.append(share / at.size * (waves.T @ waves))
+        power = np.square(waves[:, -1]).reshape(2, -1).sum(axis=0)
+        moment += share * complex(np.mean(power * np.exp(2.0j * at)))
+    return f, np.asarray(grams), 0.5 * float(np.angle(moment))
 
 
-def _spectra(f: FloatArray) -> FloatArray:
-    """Return the spectra that a surface may have, (number, frequencies), f in periods per width.
+def _spectra(f: FloatArray, n_smooth: int = 90) -> tuple[FloatArray, FloatArray]:
+    """Return the spectra that a surface may have, (number, frequencies), and the odds of each.
 
-    (1 + 2 (pi l f)^2 / B)^(-B/2) falls as f^-B from a length l on, from less than a sixteenth of the width
-    to several widths (a pure power law); exp(-(pi l f)^2), its limit, is the Gaussian correlation.
+    (1 + 2 (pi l f)^2 / B)^(-B/2), f in periods per width, falls as f^-B from a length l on;
+    exp(-(pi l f)^2), its limit, is the Gaussian correlation. All six kinds have the same odds: half for
+    lengths from a sixteenth of the width on, and half for those of a width and more, where the map sees a
+    pure power law. A smooth kind as long as the map would be a form, and has lengths up to the width only.
     """
-    found = []
-    for B in (1.0, 2.0, 3.0, 4.0, 8.0):
-        lengths = np.geomspace(1 / 16, 4.0, 10) if B < 8.0 else np.geomspace(1 / 16, 1.0, 16)
-        found += [(1.0 + 2.0 * np.square(np.pi * v * f) / B) ** (-0.5 * B) for v in lengths]
-    found += [np.exp(-np.square(np.pi * v * f)) for v in np.geomspace(1 / 16, 1.0, 90)]
-    return np.asarray(found)
+    found, odds = [], []
+    for B in (1.0, 2.0, 3.0, 4.0, 8.0, np.inf):
+        is_limit = bool(np.isinf(B))
+        n = n_smooth if is_limit else 16 if B >= 8.0 else 10
+        lengths = np.geomspace(1 / 16, 4.0 if B < 8.0 else 1.0, n)
+        square = np.square(np.pi * lengths[:, None] * f)
+        found.append(np.exp(-square) if is_limit else (1.0 + 2.0 * square / B) ** (-0.5 * B))
+        long = lengths >= 0.99
+        share = np.where(long, 0.5 / long.sum(), 0.5 / (~long).sum())
+        odds.append((share if B < 8.0 else np.full(n, 1.0 / n)) / 6.0)
+    return np.concatenate(found), np.concatenate(odds)
 
 
 def _orders(

@@ -492,11 +492,7 @@ def _pixels(surface: Surface, region: Any, name: str) -> BoolArray:
     shape = str(known.pop("shape", "circle"))
 
     def place(pair: Any, what: str) -> tuple[float, float]:
-        parts = pair.split(",") if isinstance(pair, str) else [*pair]
-        if len(parts) != 2:
-            raise DataError(f"{what} of {name} has x and y, got {pair!r}")
-        x, y = (real(v, f"{what} of {name}", dimension="length") for v in parts)
-        return x, y
+        return position(pair.split(",") if isinstance(pair, str) else pair, f"{what} of {name}")
 
     made: dict[str, Any] = {}
     for key, value in known.items():

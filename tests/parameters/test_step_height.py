@@ -219,8 +219,8 @@ upper = {{ {frame} ["59.5 um", "29.5 um"] }}
 lower = {{ {frame} ["19.5 um", "29.5 um"] }}
 [[check]]
 metric = "h"
-lower = "24 nm"
-upper = "27 nm"
+lower = "25 nm"
+upper = "26 nm"
 U = "from fit"
 """
     document = Recipe.parse(text, folder=tmp_path).run().document
