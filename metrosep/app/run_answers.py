@@ -24,7 +24,6 @@ from metrosep.app.view_tables import (
     ProfileView,
     checked_columns,
     checked_window,
-    find_holes,
     profile_view,
     repeat_views,
 )
@@ -38,7 +37,7 @@ from metrosep.core.units import format_length
 from metrosep.plot.left_out import lag_words, run_rows
 from metrosep.recipe.recipe import Recipe
 from metrosep.separation.runs.base import ErrorEstimate, SampledCurve
-from metrosep.separation.runs.design import evaluation_range, travel_of
+from metrosep.separation.runs.design import evaluation_range, line_over, mean_runs, travel_of
 from metrosep.separation.runs.spectra import feed_spectra_columns, n_wavelengths
 
 __all__ = ["curves", "waves"]
@@ -338,9 +337,6 @@ _FINE = 8
 _COVERAGE_K = 2.0
 """Half width of the band in standard uncertainties."""
 
-_LEAST = 2
-"""Valid samples that a line needs."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelledRuns:
@@ -393,10 +389,10 @@ def level_runs(runs: RunSet, over: tuple[float, float]) -> LevelledRuns:
     """
     level, slopes, elsewhere = [], [], []
     for run in runs:
-        line = _line(run.x, run.z, over)
+        line = line_over(run.x, run.z, over)
         if line is None:
             elsewhere.append(run.run_id)
-            line = _line(run.x, run.z, (-math.inf, math.inf)) or (0.0, 0.0)
+            line = line_over(run.x, run.z, (-math.inf, math.inf)) or (0.0, 0.0)
         slopes.append(line[0])
         level.append(Run(run.x, run.z - np.polyval(line, run.x), feed=run.feed, run_id=run.run_id))
     message = (
@@ -408,16 +404,6 @@ def level_runs(runs: RunSet, over: tuple[float, float]) -> LevelledRuns:
     array = np.array(slopes)
     array.setflags(write=False)
     return LevelledRuns(tuple(level), tuple(Extremes(r) for r in level), array, over, message)
-
-
-def _line(x: FloatArray, z: FloatArray, over: tuple[float, float]) -> tuple[float, float] | None:
-    """Return slope and level at zero of the line over a range; None where it cannot be fitted."""
-    inner = (x >= over[0]) & (x <= over[1]) & ~np.isnan(z)
-    if inner.sum() < _LEAST:
-        return None
-    mid = float(x[inner].mean())
-    slope, level = np.polyfit(x[inner] - mid, z[inner], 1)
-    return float(slope), float(level - slope * mid)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -468,67 +454,6 @@ def separated_view(
         array.setflags(write=False)
     x, low, high, band_low, band_high = parts
     return SeparatedView(x, low, high, band_low, band_high, direction)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MeanRun:
-    """The mean run of one feedrate and direction, before and after the separated error is taken off."""
-
-    x: FloatArray  # shape (n,), m: rising, over the travel that all runs of the direction share
-    # shape (n,), m: mean of the levelled runs, and what is left of it; NaN where any of them was
-    # not measured
-    before: FloatArray
-    after: FloatArray
-    feed: float | None  # m/s: none where the runs do not say it
-    direction: int  # +1 or -1
-    n_runs: int  # how many were averaged
-
-
-def mean_runs(runs: RunSet, estimate: ErrorEstimate) -> tuple[MeanRun, ...]:
-    """Return the mean run of each feedrate and direction, before and after the separation.
-
-    Notes
-    -----
-    Each run is put onto as many even places as the longest run of its feedrate has samples, and
-    levelled over the evaluation range. Neither NaN nor a hole in the positions is bridged.
-    """
-    over = (estimate.start, estimate.stop)
-    found = []
-    for direction in sorted(runs.directions, reverse=True):
-        some = runs.select(direction=direction)
-        low, high = travel_of(some)
-        for feed, members in some.by_feed() or [(math.nan, some.runs)]:
-            x = np.linspace(low, high, max(len(r) for r in members))
-            error = estimate.evaluate(x, direction=direction)
-            before = np.mean([_levelled_on(r, x, error, over) for r in members], axis=0)
-            after = before - error
-            for array in (x, before, after):
-                array.setflags(write=False)
-            known = None if math.isnan(feed) else feed
-            found.append(MeanRun(x, before, after, known, direction, len(members)))
-    return tuple(found)
-
-
-_ROUNDING = 1e-9
-"""In m: the ends of equal travels differ by less."""
-
-
-def _levelled_on(
-    run: Run, x: FloatArray, error: FloatArray, over: tuple[float, float]
-) -> FloatArray:
-    """Return a run at positions, without its line over a range; gaps and holes are NaN.
-
-    The line is that of the run less the error: of a run with holes it has no part of the error.
-    """
-    turned = 1 if run.direction > 0 else -1
-    xs, zs = run.x[::turned], run.z[::turned]
-    values = np.interp(x, xs, zs)
-    values[(x < xs[0] - _ROUNDING) | (x > xs[-1] + _ROUNDING)] = np.nan
-    for i in find_holes(xs):
-        values[(x > xs[i]) & (x < xs[i + 1])] = np.nan
-    rest = values - error
-    line = _line(x, rest, over) or _line(x, rest, (-math.inf, math.inf))
-    return np.asarray(values if line is None else values - np.polyval(line, x))
 
 
 def feed_words(feed: float | None) -> str:

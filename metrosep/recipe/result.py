@@ -254,63 +254,27 @@ def plot_data(runs: RunSet, estimate: ErrorEstimate) -> dict[str, Any]:
             }
             for d in estimate.directions
         ],
-        "feeds": [
-            entry
-            for direction in runs.directions
-            for entry in _feeds(runs.select(direction=direction), estimate, direction)
-        ],
+        "feeds": _feeds(runs, estimate),
     }
 
 
-def _feeds(runs: RunSet, estimate: ErrorEstimate, direction: int) -> list[dict[str, Any]]:
-    from metrosep.separation.runs.design import travel_of
+def _feeds(runs: RunSet, estimate: ErrorEstimate) -> list[dict[str, Any]]:
+    from metrosep.separation.runs.design import mean_runs
 
-    low, high = travel_of(runs)
     entries = []
-    for feed, members in runs.by_feed() or [(math.nan, runs.runs)]:
-        n = max(len(r) for r in members)
-        x = np.linspace(low, high, n)
-        error = estimate.evaluate(x, direction=direction)
-        rows = np.array([_leveled(r.x, r.z, x, error, estimate) for r in members])
-        known = ~np.isnan(rows).all(axis=0)
-        before = np.full(n, np.nan)
-        before[known] = np.nanmean(rows[:, known], axis=0)
-        after = before - error
-        xs, pair = _thinned(x, np.stack([before, after]))
+    for mean in mean_runs(runs, estimate):
+        xs, pair = _thinned(mean.x, np.stack([mean.before, mean.after]))
         entries.append(
             {
-                "feed_mm_min": feed * 6e4,
-                "direction": "forward" if direction > 0 else "reverse",
-                "n_runs": len(members),
+                "feed_mm_min": math.nan if mean.feed is None else mean.feed * 6e4,
+                "direction": "forward" if mean.direction > 0 else "reverse",
+                "n_runs": mean.n_runs,
                 "x_mm": (xs / _MM).tolist(),
                 "before_nm": (pair[0] / _NM).tolist(),
                 "after_nm": (pair[1] / _NM).tolist(),
             }
         )
     return entries
-
-
-_ROUNDING = 1e-9
-"""In m: the ends of equal travels differ by less."""
-
-
-def _leveled(
-    x: FloatArray, z: FloatArray, grid: FloatArray, error: FloatArray, estimate: ErrorEstimate
-) -> FloatArray:
-    """Return a run on the grid without its line over the evaluation range; gaps stay NaN.
-
-    The line is that of the run less the estimate: of a run with holes it has no part of the error.
-    """
-    order = np.argsort(x)
-    values = np.interp(grid, x[order], z[order])
-    values[(grid < x.min() - _ROUNDING) | (grid > x.max() + _ROUNDING)] = np.nan
-    rest = values - error
-    inner = (grid >= estimate.start) & (grid <= estimate.stop) & ~np.isnan(rest)
-    if inner.sum() < 2:
-        return np.full_like(values, np.nan)
-    mid = 0.5 * (estimate.start + estimate.stop)
-    slope, level = np.polyfit(grid[inner] - mid, rest[inner], 1)
-    return np.asarray(values - level - slope * (grid - mid))
 
 
 def _thinned(x: FloatArray, curves: FloatArray) -> tuple[FloatArray, FloatArray]:

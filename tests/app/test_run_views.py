@@ -11,7 +11,6 @@ import pytest
 from metrosep.app.run_answers import (
     feed_words,
     level_runs,
-    mean_runs,
     separated_view,
     shown_range,
 )
@@ -19,6 +18,7 @@ from metrosep.core.errors import DataError
 from metrosep.core.runset import Run, RunSet
 from metrosep.recipe.result import plot_data
 from metrosep.separation import separate
+from metrosep.separation.runs.design import mean_runs
 
 MM, NM, PM = 1e-3, 1e-9, 1e-12
 
@@ -258,7 +258,7 @@ def test_before_and_after_are_the_curves_of_the_report():
             assert abs(np.nanmin(theirs) - np.nanmin(ours)) < ROUNDING
 
 
-def test_a_gap_in_one_run_is_a_gap_of_the_mean():
+def test_where_one_run_has_a_gap_the_mean_is_that_of_the_others():
     whole = run(0.08)
     z = whole.z.copy()
     z[200:250] = np.nan
@@ -268,6 +268,12 @@ def test_a_gap_in_one_run_is_a_gap_of_the_mean():
     one = mean_runs(runs, estimate)[0]
 
     lost = (one.x >= whole.x[200]) & (one.x <= whole.x[249])
+    assert lost.any()
+    assert not np.isnan(one.before).any()
+    assert np.abs(one.before - one.after - estimate.evaluate(one.x)).max() < ROUNDING
+
+    both = RunSet([Run(whole.x, z, feed=0.08, run_id=n) for n in "ab"])
+    one = mean_runs(both, estimate)[0]
     assert np.isnan(one.before[lost]).all()
     assert not np.isnan(one.before[~lost]).any()
 

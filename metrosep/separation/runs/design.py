@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +29,15 @@ from metrosep.core.units import format_length
 from metrosep.separation._readings import joint_coefficients, not_tied
 from metrosep.separation.runs.clock import fit_clock
 
+if TYPE_CHECKING:
+    from metrosep.separation.runs.base import ErrorEstimate
+
 __all__ = [
     "PreparedRun",
     "evaluation_range",
+    "line_over",
     "lines_of_runs",
+    "mean_runs",
     "on_common_grid",
     "prepare_runs",
     "probe_names",
@@ -200,6 +206,66 @@ def travel_of(runs: RunSet) -> tuple[float, float]:
         return runs.common_travel
     except InvalidSamplesError:
         return runs.full_travel
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeanRun:
+    """The mean run of one feedrate and direction, before and after the separated error is taken off."""
+
+    x: FloatArray  # shape (n,), m: rising, over the travel that all runs of the direction share
+    # shape (n,), m: mean of the levelled runs, of those that were measured there, and what is left of
+    # it; NaN where none was
+    before: FloatArray
+    after: FloatArray
+    feed: float | None  # m/s: none where the runs do not say it
+    direction: int  # +1 or -1
+    n_runs: int  # how many were averaged
+
+
+def mean_runs(runs: RunSet, estimate: ErrorEstimate) -> tuple[MeanRun, ...]:
+    """Return the mean run of each feedrate and direction, before and after the separation.
+
+    Each is put onto as many even places as the longest run of its feedrate has samples, and levelled
+    by the line of what the error leaves of it: of a run with holes such a line has no part of the error.
+    """
+    over = (estimate.start, estimate.stop)
+    found = []
+    for direction in sorted(runs.directions, reverse=True):
+        some = runs.select(direction=direction)
+        low, high = travel_of(some)
+        for feed, members in some.by_feed() or [(math.nan, some.runs)]:
+            x = np.linspace(low, high, max(len(r) for r in members))
+            error = estimate.evaluate(x, direction=direction)
+            rows = np.array([_levelled(r, x, error, over) for r in members])
+            seen = ~np.isnan(rows).all(axis=0)
+            before = np.full(x.size, np.nan)
+            before[seen] = np.nanmean(rows[:, seen], axis=0)
+            after = before - error
+            for array in (x, before, after):
+                array.setflags(write=False)
+            known = None if math.isnan(feed) else feed
+            found.append(MeanRun(x, before, after, known, direction, len(members)))
+    return tuple(found)
+
+
+def _levelled(run: Run, x: FloatArray, error: FloatArray, over: tuple[float, float]) -> FloatArray:
+    """Return a run at positions less its line over a range; all NaN where it has none."""
+    values = _on_grid(run.x, run.z, x, abs(float(run.x[-1] - run.x[0])) / (len(run) - 1))
+    rest = values - error
+    line = line_over(x, rest, over) or line_over(x, rest, (-math.inf, math.inf))
+    return np.asarray(values - np.polyval(line or (math.nan, math.nan), x))
+
+
+def line_over(
+    x: FloatArray, z: FloatArray, over: tuple[float, float]
+) -> tuple[float, float] | None:
+    """Return slope and level at zero of the line over a range; None where it cannot be fitted."""
+    inner = (x >= over[0]) & (x <= over[1]) & ~np.isnan(z)
+    if inner.sum() < 2:
+        return None
+    mid = float(x[inner].mean())
+    slope, level = np.polyfit(x[inner] - mid, z[inner], 1)
+    return float(slope), float(level - slope * mid)
 
 
 def lines_of_runs(
