@@ -7,15 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
+
+if TYPE_CHECKING:
+    from metrosep.core.surface import Surface
 
 __all__ = [
     "SHAPES",

@@ -242,6 +242,8 @@ def _prepared(
     overwrite: bool = False,
 ) -> Iterator[tuple[Prepared, WrittenTable]]:
     """Yield each table of a recipe, checked to the bytes of its file: all doors ask here."""
+    if not targets:
+        return
     from metrosep.controllers.base import own_part, sidecar_path
     from metrosep.controllers.files import prepare
 

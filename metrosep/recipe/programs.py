@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.options import options_of
 from metrosep.core.units import format_length
-from metrosep.recipe.outputs import temporary_folder
 from metrosep.recipe.preflight import output_name
 from metrosep.recipe.schema import Field
 
@@ -70,6 +69,8 @@ def try_programs(recipe: Recipe, produced: Any, tell: Callable[[str], None]) -> 
     """Return what the virtual parts of the programs say; the files are written nowhere that lasts."""
     if all(output["kind"] != "program" for output in recipe.outputs):
         return []
+    from metrosep.recipe.outputs import temporary_folder
+
     with temporary_folder("program") as folder:
         try:
             return write_programs(recipe, produced, folder, tell)[1]
