@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from metrosep import Surface
 from metrosep.errors import DataError
 from metrosep.forms import Toric
-from metrosep.machine import presets
+from metrosep.machine import identify, presets
 from metrosep.machine.chains import Chain, preset_table
 from metrosep.machine.ranking import rank
 
@@ -93,6 +94,30 @@ def test_five_axes_rank_as_bodies_in_the_bed_move(at, A, C):
     before, after = expected(A, C)
     assert_allclose(1e6 * table.sq_raw, before, rtol=0, atol=PICOMETRE)
     assert_allclose(1e6 * table.sq, after, rtol=0, atol=PICOMETRE)
+
+
+def test_a_part_that_was_cut_with_a_and_c_locked_tells_its_errors():
+    """The axis of C stands 2 um beside its place, and Y leans by -3 urad."""
+    planted = {"X0C": 2 * UM, "C0Y": -3 * URAD}
+    line = np.linspace(-0.018, 0.018, 25)
+    x, y = np.meshgrid(line, line)
+    z = np.full(x.shape, np.nan)
+    for i in np.ndindex(x.shape):
+        if np.hypot(x[i], y[i]) < 0.018:
+            one = np.array(x[i]), np.array(y[i])
+            p = np.array([x[i], y[i], float(TORIC(*one))])
+            gx, gy = (float(v) for v in TORIC.gradient(*one))
+            A, C = np.radians(-30), np.radians(50)
+            e = sum(v * tool_against_work(t, A, C, p) for t, v in planted.items())
+            e = (rx(-A) @ rz(-C)).T @ e
+            z[i] = p[2] + e[2] - gx * e[0] - gy * e[1]
+    step = line[1] - line[0]
+    found = identify(
+        presets("five_axis", pivot_height=H), Surface(z, step, step), form=TORIC, centre=(0.018, 0.018),
+        terms=tuple(planted), positions={"A": "-30 deg", "C": "50 deg"}, exact=False,
+    )  # fmt: skip
+    for name, value in planted.items():
+        assert found[name].value == pytest.approx(value, rel=1e-3, abs=0.0)
 
 
 def ranked(chain=None, **at):
