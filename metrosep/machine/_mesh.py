@@ -207,6 +207,7 @@ Positions = (
 states where axes are locked while the part is cut."""
 
 _PARALLEL = 1e-9
+_ALL = 3  # directions that linear axes must reach
 _ROUNDING = 1e-13
 """Of the size of the part: a place this near to zero is zero."""
 
@@ -250,8 +251,8 @@ def axis_positions(
             return found_lathe
     raise DataError(
         f"how chain {chain.name!r} reaches a point of the part is not known (it is neither a lathe "
-        f"with X and Z nor three linear axes). {_how_to_lock(spindles)}In Python positions may also be a "
-        "function of x, y, z that returns the position of each axis by name"
+        f"with X and Z nor three linear axes). {_how_to_lock(spindles)}In Python you can also give "
+        "positions as a function of x, y, z that returns the position of each axis by name"
     )
 
 
@@ -282,6 +283,18 @@ def _locked(
     if unknown:
         raise DataError(
             f"no axis {unknown[0]!r} can be locked: the machine has {', '.join(kinds)}"
+        )
+    linear = [e.name for e in chain.elements if e.kind == "linear" and not e.parked]
+    if len(linear) < _ALL:
+        raise DataError(
+            f"axes can be locked where three linear ones reach the part; the machine has {', '.join(linear)}: a "
+            "lathe is ranked without it"
+        )
+    found_by_form = [a for a in at if kinds[a] == "linear"]
+    if len(linear) - len(found_by_form) < _ALL and found_by_form:
+        raise DataError(
+            f"{found_by_form[0]} is a linear axis, and where it stands follows from the form; state only where "
+            "axes of rotation are locked"
         )
     locked: dict[str, ArrayLike] = {
         a: numbers.quantity(v, f"{a} is locked at", "angle" if kinds[a] == "rotary" else "length")

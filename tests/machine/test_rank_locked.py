@@ -134,11 +134,13 @@ def test_what_cannot_be_locked_or_turn_the_part_is_refused():
         DataError, match="no axis 'B' can be locked: the machine has X, Z, Y, A, C"
     ):
         ranked(A=0.0, B=0.0)
+    with pytest.raises(DataError, match="X is a linear axis, and where it stands follows"):
+        ranked(A=0.0, X=0.0)
     with pytest.raises(DataError, match="A cannot turn the part as a spindle: C stands between"):
         ranked(C=0.0)
     table = preset_table("five_axis")
     table["element"] = table["element"][:-1]
     with pytest.raises(DataError, match="A does not turn the part about its z"):
-        ranked(Chain.from_dict({k: v for k, v in table.items() if k != "parameters"}), Z=0.0)
+        ranked(Chain.from_dict({k: v for k, v in table.items() if k != "parameters"}))
     with pytest.raises(DataError, match=r'at = \{ A = "0 deg", C = "0 deg" \}'):
         rank(presets("five_axis", pivot_height=H), TORIC, radius=RADIUS, errors={"EXX": UM})
