@@ -368,7 +368,6 @@ def _volume(
     *, force: bool,
 ) -> dict[str, Any]:  # fmt: skip
     """Write corrections over three axes: as tables to be added up, or as a neutral grid."""
-    from metrosep.compensation._machine_errors import rms_of_vectors
     from metrosep.compensation.from_machine import tables_over, volume_from_machine
 
     made = volume_from_machine(chain, terms, **common)
@@ -386,11 +385,39 @@ def _volume(
         wanted[(looked,), axis] = (table, *_own_error(alone, axis))
     ready_tables, lookups = _prepared(wanted, name, folder, options, force=force)
     by_pair = {(k[0], a): f for (k, a), f in lookups.items()}
-    places = made.between()
-    before, after = (
-        rms_of_vectors(made.residual(places, sign=sign, lookups=by_pair)) for sign in (0, 1)
+    judged = made.added_up(lookups=by_pair)
+    sizes = judged["before_rms_m"], judged["after_rms_m"]
+    messages = (*made.messages, *_about_tables(judged, made.over))
+    found = _written(ready_tables, *sizes, messages, "places off the nodes", options)
+    return {**found, "verification": judged}
+
+
+_WORTH_A_GRID = 1.5
+"""Times the RMS that a grid on the same nodes leaves: from here on tables added up are named as the limit."""
+_NAMED = 0.2
+"""Of the largest: smaller shares of what tables leave are not named."""
+
+
+def _about_tables(judged: Mapping[str, Any], over: Sequence[str]) -> list[str]:
+    """Return what tables of one axis each cannot hold, and what would."""
+    before, after, grid = (judged[k] for k in ("before_rms_m", "after_rms_m", "grid_rms_m"))
+    if after < _WORTH_A_GRID * grid + _PICOMETRE:
+        return []
+    largest = max(judged["by_term"].values(), default=0.0)
+    named = [f"{n} {_size(v)}" for n, v in judged["by_term"].items() if v > _NAMED * largest]
+    why = (
+        f" They hold no error that depends on two axes at once, an angle on the lever that another axis "
+        f"changes (RMS of each: {', '.join(named)})."
+        if named
+        else ""
     )
-    return _written(ready_tables, before, after, made.messages, "places off the nodes", options)
+    text = (
+        f"tables of one axis each, added up, leave {_size(after)} of {_size(before)} RMS, {before / after:.1f} "
+        f"times less, and up to {_size(judged['after_max_m'])}.{why} No tables of one axis leave less than "
+        f"{_size(judged['least_rms_m'])}, whatever their values. A grid over {', '.join(over)} on the same nodes leaves "
+        f"{_size(grid)}: --format grid"
+    )
+    return [text]
 
 
 def _judged_grid(

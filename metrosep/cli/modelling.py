@@ -31,6 +31,14 @@ __all__ = ["air", "identified", "predict", "rank"]
     help="Height of the table above the axis of A, for the preset five_axis.",
 )
 @click.option(
+    "--at",
+    "places",
+    multiple=True,
+    metavar="AXIS=ANGLE",
+    help='Where an axis of rotation is locked while the part is cut, "A=0 deg"; one that carries the part and '
+    "is left out turns it, as a spindle does.",
+)
+@click.option(
     "--error",
     "errors",
     multiple=True,
@@ -76,6 +84,7 @@ def rank(
     /,
     machine: str,
     errors: tuple[str, ...],
+    places: tuple[str, ...],
     out: str | None,
     print_recipe: bool,
     as_json: bool,
@@ -89,9 +98,10 @@ def rank(
     for key, value in options.items():
         if value is not None:
             lines.append(f"{key} = {value if isinstance(value, float) else quoted(value)}")
-    if errors:
-        pairs = ", ".join(f"{quoted(k)} = {quoted(v)}" for k, v in name_values(errors, "--error"))
-        lines.append(f"errors = {{ {pairs} }}")
+    for key, option, texts in (("at", "--at", places), ("errors", "--error", errors)):
+        if texts:
+            pairs = ", ".join(f"{quoted(k)} = {quoted(v)}" for k, v in name_values(texts, option))
+            lines.append(f"{key} = {{ {pairs} }}")
     if context.obj is not None:
         context.obj["words"] = _ranked_words
     return _carried_out(context, lines, (), out, print_recipe=print_recipe, as_json=as_json)
@@ -101,7 +111,13 @@ def _ranked_words(message: str) -> str:
     """Return a message of the step ``rank`` with its keys as options of the command."""
     keys = ("all_lengths", "all_angles", "inner_radius", "spindle_errors", "pivot_height")
     words = re.sub(r"^form = ", "--form ", option_words(readable_text(message), keys))
+    words = re.sub(r"\bat = \{ (.+?) \}", _as_options, words)
     return re.sub(r'\b(E[XYZABC]{2}) = "', r'--error "\1=', words)
+
+
+def _as_options(found: re.Match[str]) -> str:
+    """Return the pairs of ``at`` as they are typed."""
+    return re.sub(r'(\w+) = "([^"]*)",?', r'--at "\1=\2"', found[1])
 
 
 def _stated(command: Callable[..., int]) -> Callable[..., int]:

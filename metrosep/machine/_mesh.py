@@ -197,13 +197,19 @@ def checked_radii(radius: Any, inner_radius: Any) -> tuple[float, float]:
 # ---- where the axes stand when the tool cuts a point of the part -------------------------------
 # Known for two kinds of chain: a lathe (one spindle about Z under the part, X and one axis along Z
 # that carry the tool) and a machine of three linear axes. At (rho, azimuth) a lathe has its tool at
-# the radius rho and its spindle at **minus** the azimuth. Any other chain needs a `positions`
-# callable. Axes that are parked are left out; rotary axes of a five-axis machine need the callable.
+# the radius rho and its spindle at **minus** the azimuth. Any other chain needs `positions`: where its
+# axes of rotation are locked, or a callable. Axes that are parked are left out.
 
-Positions = Callable[[FloatArray, FloatArray, FloatArray], Mapping[str, ArrayLike]]
-"""``positions(x, y, z)`` returns the position of each axis, by name, at points of the part."""
+Positions = (
+    Callable[[FloatArray, FloatArray, FloatArray], Mapping[str, ArrayLike]] | Mapping[str, float]
+)
+"""``positions(x, y, z)`` returns the position of each axis, by name, at points of the part; a mapping
+states where axes are locked while the part is cut."""
 
 _PARALLEL = 1e-9
+_ALL = 3  # directions that linear axes must reach
+_ROUNDING = 1e-13
+"""Of the size of the part: a place this near to zero is zero."""
 
 
 def axis_positions(
@@ -216,11 +222,13 @@ def axis_positions(
     tool: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> dict[str, FloatArray]:
     """Return axis positions by name at points of the part, arrays of the shape of x."""
+    if isinstance(positions, Mapping):
+        return _locked(chain, x, y, z, positions, tool)
     if positions is not None:
         if not callable(positions):
             raise DataError(
                 "positions is a function of x, y and z that returns the position of each axis by "
-                f"name, got {type(positions).__name__}"
+                f"name, or a mapping of axes to where they are locked, got {type(positions).__name__}"
             )
         found = positions(x, y, z)
         if not isinstance(found, Mapping):
@@ -243,11 +251,89 @@ def axis_positions(
             return found_lathe
     raise DataError(
         f"how chain {chain.name!r} reaches a point of the part is not known (it is neither a lathe "
-        "with X and Z nor three linear axes). A recipe or the command line cannot say it: with the rotary "
-        "axes locked take the machine of the slides that cut (mill_xyz), for a part that was turned the "
-        "lathe of its axes (sts_lathe); in Python give positions, a function of x, y, z that returns the "
-        "position of each axis by name"
+        f"with X and Z nor three linear axes). {_how_to_lock(spindles)}In Python you can also give "
+        "positions as a function of x, y, z that returns the position of each axis by name"
     )
+
+
+def _how_to_lock(spindles: list[Any]) -> str:
+    """Return the sentence that says what to state of a machine with axes of rotation."""
+    if not spindles:
+        return ""
+    pairs = ", ".join(f'{e.name} = "0 deg"' for e in spindles)
+    return (
+        f"State where the axes of rotation are locked while the part is cut: at = {{ {pairs} }}; the one "
+        "with the part on it that is left out turns it, as a spindle does. "
+    )
+
+
+def _locked(
+    chain: Any,
+    x: FloatArray,
+    y: FloatArray,
+    z: FloatArray,
+    at: Mapping[str, Any],
+    tool: tuple[float, float, float],
+) -> dict[str, FloatArray]:
+    """Return positions with axes locked where they are stated; one that is not may turn the part."""
+    from metrosep.machine.inverse import inverse_kinematics
+
+    kinds = {e.name: e.kind for e in chain.elements if e.kind != "fixed"}
+    unknown = [a for a in at if a not in kinds]
+    if unknown:
+        raise DataError(
+            f"no axis {unknown[0]!r} can be locked: the machine has {', '.join(kinds)}"
+        )
+    linear = [e.name for e in chain.elements if e.kind == "linear" and not e.parked]
+    if len(linear) < _ALL:
+        raise DataError(
+            f"axes can be locked where three linear ones reach the part; the machine has {', '.join(linear)}: a "
+            "lathe is ranked without it"
+        )
+    found_by_form = [a for a in at if kinds[a] == "linear"]
+    if len(linear) - len(found_by_form) < _ALL and found_by_form:
+        raise DataError(
+            f"{found_by_form[0]} is a linear axis, and where it stands follows from the form; state only where "
+            "axes of rotation are locked"
+        )
+    locked: dict[str, ArrayLike] = {
+        a: numbers.quantity(v, f"{a} is locked at", "angle" if kinds[a] == "rotary" else "length")
+        for a, v in at.items()
+    }
+    free = [e for e in chain.elements if e.kind == "rotary" and not e.parked and e.name not in at]
+    if len(free) > 1 or any(e.branch != "workpiece" for e in free):
+        names = ", ".join(e.name for e in free)
+        raise DataError(
+            f"where {names} stand while the part is cut is not stated; only one axis of rotation, which "
+            f"carries the part, may be left out. {_how_to_lock(free)}".rstrip()
+        )
+    if free:
+        locked[free[0].name] = _turned(chain, free[0], locked, x, y)
+    found = inverse_kinematics(chain, np.stack((x, y, z), axis=-1), tool=tool, **locked)
+    # what an axis of rotation leaves of its sine is no place of a linear one
+    least = _ROUNDING * max(float(np.abs(v).max(initial=0.0)) for v in (x, y, z))
+    return {
+        a: v if kinds[a] == "rotary" else np.where(np.abs(v) < least, 0.0, v)
+        for a, v in found.items()
+    }
+
+
+def _turned(
+    chain: Any, spindle: Any, locked: Mapping[str, ArrayLike], x: FloatArray, y: FloatArray
+) -> FloatArray:
+    """Return the turn that brings each azimuth of the part under the tool on the side of +X."""
+    last = [e for e in chain.elements if e.branch == "workpiece"][-1]
+    if last is not spindle:
+        raise DataError(
+            f"{spindle.name} cannot turn the part as a spindle: {last.name} stands between them; state where "
+            f"{spindle.name} is locked"
+        )
+    turn = float(spindle.direction[2])
+    if abs(abs(turn) - 1.0) > _PARALLEL:
+        raise DataError(
+            f"{spindle.name} does not turn the part about its z and is no spindle; state where it is locked"
+        )
+    return np.asarray(-np.sign(turn) * np.arctan2(y, x))
 
 
 def _three_slides(

@@ -126,7 +126,7 @@ def identify(
         origin was not declared (0, 0), else zero.
     tool : tuple of (float, float, float), m, optional
         Tool point in the frame of the last element of the tool branch.
-    positions : callable, optional
+    positions : callable or mapping of str to float or str, optional
         As in `metrosep.machine.ranking.rank`.
     threshold : float, optional
         Of ``|r|``: terms more alike are reported together. Nearer to 1 they are distinguished, with the

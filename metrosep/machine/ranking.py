@@ -111,9 +111,11 @@ def rank(
         of what was measured.
     tool : tuple of (float, float, float), m, optional
         Tool point in the frame of the last element of the tool branch.
-    positions : callable, optional
+    positions : callable or mapping of str to float or str, optional
         ``positions(x, y, z)`` returns axis positions by name; found for lathes (spindle at minus
-        the azimuth) and machines of three linear axes.
+        the azimuth) and machines of three linear axes. A mapping states where axes of rotation are
+        locked (rad, or a text such as ``"30 deg"``): the linear axes are found, and one axis that
+        carries the part and is not named turns it as a spindle, at minus the azimuth.
     wavefront : callable, optional
         Turns a change of height and slopes into optical path, in place of `mode`.
     mode : {"reflect", "refract"}, optional

@@ -21,6 +21,8 @@ MACHINE = (
 )
 TRAVEL = {"X": 400.0, "Y": 300.0, "Z": 200.0}
 TOOL = np.array([12.0, -7.0, -80.0])
+FEWER = 0.04
+"""8 places of each axis in place of 16: the variance of a straight line is 1.6 % too small, not 0.4 %."""
 ROUNDING_UM = 2e-3
 """Products of errors (20 um times 40 urad) and a slope of the errors between nodes, far below 2 nm."""
 
@@ -329,6 +331,37 @@ def test_three_axes_become_tables_to_be_added_up(metrosep, stack):
     assert found["before_rms_m"] / UM == pytest.approx(rms(before), rel=OTHER_PLACES, abs=0.0)
     assert found["after_rms_m"] / UM == pytest.approx(rms(after), rel=OTHER_PLACES, abs=0.0)
     assert rms(after) < 0.9 * rms(before)  # what the levers of two axes at once make is left
+    judged = found["verification"]
+    # at the reference the lever is that of the tool alone: X turns over (y, z), Y over z, Z over nothing;
+    # what an axis turns there already is in the tables of the others
+    turns = {
+        a: (motions(a, q)[1] - motions(a, 0.0)[1]) * 1e-3
+        for a, q in zip("XY", (x, y), strict=True)
+    }
+    of_two = {
+        f"E{d}{a}": rms(np.cross(t * (np.arange(3) == k), lever))
+        for a, t, lever in (
+            ("X", turns["X"], np.stack([0 * x, y, z], -1)),
+            ("Y", turns["Y"], np.stack([0 * x, 0 * x, z], -1)),
+        )
+        for k, d in enumerate("ABC")
+    }
+    said = judged["by_term"]
+    assert said.keys() == {n for n, v in of_two.items() if v > 0.0}
+    for name, value in said.items():
+        assert value / UM == pytest.approx(of_two[name], rel=OTHER_PLACES, abs=0.0)
+    # additive functions by least squares with a column for each place of each axis
+    grid = [(np.arange(8) + 0.5) * TRAVEL[a] / 8 for a in "XYZ"]
+    x, y, z = (v.ravel() for v in np.meshgrid(*grid, indexing="ij"))
+    columns_of = [(v[:, None] == g).astype(float) for v, g in zip((x, y, z), grid, strict=True)]
+    A, E = np.hstack(columns_of), error_um(x, y, z)
+    least = rms(E - A @ np.linalg.lstsq(A, E, rcond=None)[0])
+    assert 1e-3 * UM < judged["grid_rms_m"] < 0.2 * judged["least_rms_m"]
+    assert judged["least_rms_m"] / UM == pytest.approx(least, rel=FEWER, abs=0.0)
+    assert judged["least_rms_m"] < judged["after_rms_m"]
+    first, size = max(said.items(), key=lambda item: item[1])
+    assert f"(RMS of each: {first} {size / UM:.3g} um" in err
+    assert "A grid over X, Y, Z on the same nodes leaves" in err
 
 
 def test_three_axes_become_a_neutral_grid(metrosep, stack):

@@ -334,3 +334,24 @@ def test_a_curve_in_a_file(metrosep, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     wrong = metrosep(*words, "--error", "EXX=table slide.csv")[2]
     assert "holds EZX, not EXX" in wrong
+
+
+def test_five_axes_rank_where_they_are_locked(metrosep):
+    five = ("rank", "five_axis", "--pivot-height", "80 mm", *TORIC, "--error", "B0C=5 urad")
+    code, _, err = metrosep(*five)
+    assert code == USAGE
+    assert '--at "A=0 deg" --at "C=0 deg"' in err
+    code, _, err = metrosep(*five, "--at", "A=0")
+    assert code == USAGE
+    assert "A '0' has no unit" in err
+    locked = metrosep(*five, "--at", "A=0 deg", "--at", "C=0 deg")
+    turned = metrosep(*five, "--at", "A=0 deg")
+    assert (locked[0], turned[0]) == (0, 0)
+    # a constant tilt of the table: of a part that stands still a shift and a plane, of one that turns a cone
+    rows = [
+        next(v for v in out.splitlines() if v.startswith("B0C")) for _, out, _ in (locked, turned)
+    ]
+    assert rows[0] != rows[1]
+    assert metrosep(*five, "--at", "A=0 deg", "--print-recipe")[1].endswith(
+        'at = { "A" = "0 deg" }\nerrors = { "B0C" = "5 urad" }\n'
+    )

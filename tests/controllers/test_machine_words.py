@@ -202,11 +202,101 @@ def test_places_on_the_part_are_not_taken_for_axes(tmp_path):
 
 def test_a_feed_after_the_length_was_taken_away_and_another_length_are_refused(tmp_path):
     for tail, said in (
-        ("G49\nG1 X1. Y1. Z1.\n", "G49 took the length"),
+        ("G49\nG1 X1. Y1. Z1.\n", "G49 or D0 took the length"),
         ("G43.4 H4\n", "tool length changes"),
     ):
         with pytest.raises(UnsupportedFeatureError, match=said):
             corrected(tmp_path, PART.split("G49", maxsplit=1)[0] + tail, rotary_feed="all")
+
+
+SIEMENS = """G54 G90 G94 G17
+T1 D1
+M6
+G0 X0 Y0 Z60 A-30 C20
+TRAORI
+D1
+ORIAXES
+G0 X12 Y-8 Z20
+G1 X15 Y2 Z14 A-42 C75 F300
+X9 C110
+G1 A-35 C60
+TRAFOOF
+G0 Z200 D0
+M30
+"""
+
+
+def by_command_line(folder, text, capsys, *more):
+    """Correct a program through the door; return its exit code, what was said, and the lines written."""
+    (folder / "in.mpf").write_text(text, newline="")
+    errors = [
+        f'{k} = "{v * 1e6:.9g} {"um" if k[0] in "XYZ" else "urad"}"' for k, v in LINES.items()
+    ]
+    (folder / "lines.toml").write_text("\n".join(errors) + "\n")
+    said = ["path", str(folder / "in.mpf"), "--machine", "five_axis", "--pivot-height", "80 mm"]
+    said += ["--error", str(folder / "lines.toml"), "--tool", "10 mm,-5 mm,-120 mm"]
+    for axis, value in (("X", "20 mm"), ("Z", "150 mm"), ("C", "10 deg")):
+        said += ["--zero", f"{axis}={value}"]
+    said += ["--path-unit", "mm", "--rotary-feed", "linear", "--tolerance", "20 nm", *more]
+    with pytest.raises(SystemExit) as stop:
+        main([*said, "-o", str(folder / "out.mpf"), "--force"])
+    out = folder / "out.mpf"
+    return stop.value.code, capsys.readouterr().err, out.read_text() if out.exists() else ""
+
+
+def test_a_siemens_program_with_traori_is_corrected_where_the_tool_cuts(tmp_path, capsys):
+    code, err, text = by_command_line(tmp_path, SIEMENS, capsys)
+    assert code == 0, err
+    assert "D1: the lengths of this edge" in err
+    assert "places on the part" in err
+    lines = text.splitlines()
+    kept = ("T1 D1", "TRAORI", "D1", "ORIAXES", "TRAFOOF", "G0 Z200 D0", "M30")
+    assert [v for v in lines if v in kept] == list(kept)
+
+    def on_part(program):
+        return moves(HEAD + program.partition("ORIAXES\n")[2].partition("TRAFOOF")[0])[1:]
+
+    before, after = on_part(SIEMENS), on_part(text)
+    # a copy of the path that takes no word for a place on the part would be 100 mm away
+    for (_, words, _), (_, given, _) in zip(before[:1], after[:1], strict=True):
+        assert 1e-3 < max(abs(given[k] - words[k]) for k in "XYZ") < 0.1
+    ends = [tip(control(w)[0], errors=True) for _, w, _ in after]
+    for _, words, _ in before:
+        wanted = control(words)[1]
+        assert np.linalg.norm(tip(control(words)[0], errors=True) - wanted) > 5e-6
+        assert min(np.linalg.norm(e - wanted) for e in ends) < 3 * NM
+    # without TRAORI the words are axes: the rapid before it, and it is corrected as such
+    q, given = axes_of({"X": 0, "Y": 0, "Z": 60, "A": -30, "C": 20}), moves(text)[0][1]
+    assert np.linalg.norm(tip(axes_of(given), errors=True) - tip(q, errors=False)) < 3 * NM
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("X9 C110\n", "D2\nX9 C110\n", "line 10: D2: another edge of the tool has other lengths"),
+        ("T1 D1\n", "T1\n", ""),  # D1 before the first cut, after the position: it is stated anew
+        ("T1 D1\nM6\n", "", ""),
+        ("X9 C110\n", "D1\nX9 C110\n", ""),
+        ("D1\nORIAXES\n", "", ""),
+        ("T1 D1\nM6\n", "D3\n", ""),
+        ("X9 C110\n", "D0\nX9 C110\n", "line 11: a feed move: G49 or D0 took the length"),
+        ("X9 C110\n", "D1.5\nX9 C110\n", "line 10: D1.5: nobody can say"),
+        (
+            "G0 X12 Y-8 Z20\nG1 X15 Y2 Z14 A",
+            "D2\nG1 X15 A",
+            "begin with a rapid move to a stated Y",
+        ),
+    ],
+)
+def test_one_edge_of_the_tool_in_a_path(tmp_path, capsys, old, new, said):
+    assert old in SIEMENS
+    code, err, text = by_command_line(tmp_path, SIEMENS.replace(old, new, 1), capsys)
+    if said:
+        assert code != 0
+        assert said in err
+        assert text == ""
+    else:
+        assert code == 0, err
 
 
 LATHE = "G21 G90 G94\nG0 X40. Z1. C0.\nG1 Z0. F10\nX10. C180.\n"

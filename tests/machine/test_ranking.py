@@ -507,7 +507,9 @@ def test_other_chains_need_positions_or_are_known(lathe):
     with pytest.raises(DataError, match="give positions"):
         small(Five(), errors={"EXX": 1e-6})
     with pytest.raises(DataError, match="positions is a function"):
-        small(lathe, positions={"X": 0})
+        small(lathe, positions=[0.0])
+    with pytest.raises(DataError, match="a lathe is ranked without it"):
+        small(lathe, positions={"C": 0.0})
     with pytest.raises(DataError, match="mapping of axis names"):
         small(lathe, positions=lambda x, y, z: x)
     with pytest.raises(InvalidSamplesError, match="one per point"):

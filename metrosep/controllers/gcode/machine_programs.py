@@ -183,7 +183,8 @@ def rewrite_machine_program(
 
     Under tool-centre-point control (G43.4 to G49, TRAORI to TRAFOOF) X, Y, Z are places on the part, in
     coordinates that turn with it and agree with the words of the axes where those of the axes of rotation
-    are 0; the control is taken to know the nominal machine and the length to `tool`.
+    are 0; the control is taken to know the nominal machine and the length to `tool`. D1 to D9... of
+    Sinumerik name the edge whose lengths are in `tool` and `zero`: one edge in a path, D0 after it.
 
     Rapid moves are corrected at their ends and not split. A move before all axes are known is left as it
     is; the first move with known axes takes up every axis.
@@ -358,8 +359,9 @@ class _Program:
             if self.state.dropped:
                 held, broken = dict.fromkeys(held, math.nan), True
                 if self.state.motion == 1:
-                    why = "G49 took the length of the tool away, so where the tool stands is not known"
-                    raise refuse_block(row + 1, "a feed move", why, "keep G43.4 or G43 to its end")
+                    why = "G49 or D0 took the length of the tool away, so where the tool stands is not known"
+                    way = "keep G43.4, G43 or the edge to the end of the path"
+                    raise refuse_block(row + 1, "a feed move", why, way)
             words: dict[str, Token] = {}
             for token in tokens:
                 if token.kind == "word" and (token.letter in held or token.letter == "F"):

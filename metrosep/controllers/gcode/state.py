@@ -157,7 +157,8 @@ class ModalState:
     # it is refused (the part of a lathe)
     part: bool | None = None
     length: str = ""  # number of the tool length that G43.4 took
-    dropped: bool = False  # whether G49 took the length away and no G43 has given it back
+    edge: str = ""  # number of the tool edge (D of Sinumerik), whose lengths are in force
+    dropped: bool = False  # whether G49 or D0 took the length away and nothing has given it back
     axes: str = _AXES  # letters of the axes that are corrected
     spindle_axis: str = "C"  # whose place a turning spindle takes; empty where it turns the tool
     # to int: words for the person, with the line of the first occasion
@@ -276,6 +277,8 @@ class ModalState:
         elif letter == "H" and not codes & (_LENGTHS | {434}):
             why = "without G43 it is an incremental C on some lathes"
             raise refuse_block(line, word.text, why, "write C absolute, or G43 beside H")
+        elif letter == "D" and self.part is not None and not codes & _BELONGS["D"][0]:
+            self._edge(word, line)
         elif letter != "H" and not self._belongs(letter, words, codes):
             raise refuse_block(line, word.text, _UNKNOWN, "take it out of the path")
 
@@ -418,6 +421,26 @@ class ModalState:
             raise refuse_block(line, "G43.4", why, "keep one offset to the end")
         self._place_on_part(True)
         self.length, self.dropped = length, False
+
+    def _edge(self, word: Token, line: int) -> None:
+        """Take the lengths of a tool edge, which are those that the caller stated; one edge in a path."""
+        if word.value < 0 or word.value != int(word.value):
+            raise refuse_block(line, word.text, _UNKNOWN, "take it out of the path")
+        number = str(int(word.value))
+        linear = "".join(a for a in self.axes if a in "XYZUVW")
+        if number == "0":
+            self.dropped, self.lost = True, self.lost + linear
+            return
+        if self.cut and number != self.edge:
+            why = "another edge of the tool has other lengths"
+            raise refuse_block(line, word.text, why, "keep one edge, named before the first cut")
+        if self.dropped or number != self.edge:
+            self.lost += linear
+        self.edge, self.dropped = number, False
+        self.note(
+            f"D{number}: the lengths of this edge are taken to be in the tool point and the zero that were stated",
+            line,
+        )
 
     def _place_on_part(self, part: bool | None) -> None:
         """Words mean something else from here on: where the tool stands in them is not in the text."""

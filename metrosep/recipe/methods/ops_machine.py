@@ -94,6 +94,11 @@ _LIGHT: Mapping[str, Option] = {
     "n": Option("number", help="refractive index of the material, to refract"),
 }
 _TOOL = Option("lengths", help="tool point x, y, z in the frame of the last element of its branch")
+_AT = Option(
+    "table",
+    help='where axes of rotation are locked while the part is cut, { A = "0 deg", C = "30 deg" }; one that '
+    "carries the part and is left out turns it, as a spindle does",
+)
 _THRESHOLD = Option("number", help="terms whose shapes are more alike than this are a group")
 _INNER_RADIUS = Option("size", help="of the part, where it has a hole")
 CENTRE = Option("lengths", help="x and y of the axis in the coordinates of the map")
@@ -115,6 +120,7 @@ class Ranking(Method):
             "text", help="none, piston, plane, plane+defocus, rigid, or names with commas"
         ),
         "tool": _TOOL,
+        "at": _AT,
         "form": Option(
             "text",
             required=True,
@@ -159,6 +165,7 @@ class Ranking(Method):
         chain = machine_of(rest, radius)
         errors, read = errors_of(chain, rest)
         rest = {**rest, **_tool(rest)}
+        _lock(chain, rest)
         found = rank(chain, form, radius=radius, errors=errors, **rest)
         return replace(found, messages=(*found.messages, *read)) if read else found
 
@@ -248,6 +255,18 @@ def _paper_name(key: str, from_paper: Any) -> str:
         return key  # the chain refuses it and lists what it knows
 
 
+def _lock(chain: Any, rest: dict[str, Any]) -> None:
+    """Put the places of locked axes in the options as positions, in SI."""
+    kinds = chain.dimensions
+    if "at" in rest:
+        rest["positions"] = {
+            axis: parse_quantity(value, dimension=kinds[axis], name=f"at: {axis}")
+            if axis in kinds
+            else value
+            for axis, value in rest.pop("at").items()
+        }
+
+
 def _tool(rest: dict[str, Any]) -> dict[str, Any]:
     if "tool" not in rest:
         return {}
@@ -287,6 +306,7 @@ class TermsIdentified(Method):
             "names with commas",
         ),
         "tool": _TOOL,
+        "at": _AT,
         "form": Option(
             "text",
             help="the nominal surface with all its parameters; what the map holds if omitted",
@@ -314,6 +334,7 @@ class TermsIdentified(Method):
         form = form_of(rest.pop("form")) if "form" in rest else None
         chain = machine_of(rest, radius)
         rest = {**rest, **_tool(rest)}
+        _lock(chain, rest)
         if "centre" in rest:
             rest["centre"] = _pair(rest["centre"])
         forms = tuple(form_of(f) for f in rest.pop("forms", ()))
