@@ -33,6 +33,8 @@ _SETTLED = 1e-12
 _SINGULAR = math.sin(math.radians(2.0))
 """Below this share an axis of rotation hardly turns the tool: its correction goes to zero at half of it."""
 _SAME = 1e-9
+_NO_ANGLE, _NO_LENGTH = 1e-12, 1e-14
+"""Rad and m: less is rounding, and no message."""
 _AT_ONCE = 20_000
 _STEP = 1e-6
 
@@ -225,7 +227,7 @@ def correct_path(
         )
     correction = {a: moved[a] - nominal[a] for a in moved}
     messages = _messages(held, correction, turning, away)
-    if len(free) < 3:
+    if len(free) < 3 and float(across.max()) > _NO_LENGTH:
         stays = f"up to {format_length(float(across.max()))} of error stay there"
         messages += (f"{' and '.join(free)} do not move the tool across their plane: {stays}",)
     if max_step is not None:
@@ -414,15 +416,15 @@ def _messages(
     said = []
     for a in turning:
         n = int(np.count_nonzero(held[a]))
-        if n:
-            size = _rms(left[held[a]])
+        size = _rms(left[held[a]]) if n else 0.0
+        if size > _NO_ANGLE:
             said.append(
                 f"{a} hardly turns the tool at {n} of {held[a].size} poses and was not or hardly corrected there: "
                 f"{size * 1e6:.3g} urad RMS of orientation stay"
             )
-        said.append(
-            f"the largest correction of {a} is {np.abs(correction[a]).max() * 1e6:.4g} urad"
-        )
+        most = float(np.abs(correction[a]).max())
+        if most > _NO_ANGLE:
+            said.append(f"the largest correction of {a} is {most * 1e6:.4g} urad")
     return tuple(said)
 
 

@@ -552,13 +552,24 @@ def test_a_program_that_was_cut_short_is_named(tmp_path):
     mark = "(METROSEP TURNING PROGRAM)\n"
     for kept, why in (
         (whole[: block + 2], "line 4 .*may have lost digits"),
-        (whole[: block + 3], "line 4 .*may have lost digits"),
+        (whole[: block - 1].replace("G93", "G94"), "line 4 .*without the F of the block"),
         (whole[: block - 1].replace(" F", "F"), "G93 has no F"),
         (mark + whole.replace("M30\n", ""), "line 5 without the M30 that metrosep wrote"),
     ):
         file.write_text(kept)
         with pytest.raises((CorruptFileError, DataError), match=why):
             read_program(file, axes, quantity="tip")
+
+
+def test_without_a_line_end_the_last_number_is_whole_only_where_it_stood_before(tmp_path):
+    """Z0.225 that was cut to Z0.22 has as many decimals as the Z0.12 of the block before it."""
+    head = "G21 G90 G94\nG1 F600 X10. C0. Z0.\n"
+    file = tmp_path / "part.nc"
+    file.write_text(head + "F600 X9.9 C30. Z0.12\nF600 X9.8 C60. Z0.22")
+    with pytest.raises(CorruptFileError, match="may have lost digits.*close it with a line end"):
+        read_program(file, NGC, quantity="tip")
+    file.write_text(head + "X9.9 C30. Z0.12 F600\nX9.8 C60. Z0.225 F600")
+    assert read_program(file, NGC, quantity="tip").Z[-1] == pytest.approx(2.25e-4, abs=1e-12)
 
 
 @pytest.mark.parametrize("end", ["M2\n", "M99\n", "%\n", "M17\n", "RET\n", "M30", ""])

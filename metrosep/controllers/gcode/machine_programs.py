@@ -65,6 +65,8 @@ if TYPE_CHECKING:
 
 __all__ = ["is_program", "rewrite_machine_program"]
 
+_SHORTEST_TURN = 1e-3 / 60.0
+"""In min: no control plans a block of less than a millisecond or so at the feed that it states."""
 _UNITS = {"mm": MM, "inch": INCH}
 _SAME_TIME = 0.1
 """Share by which a correction may change how long a turn takes, as an override does, before F must be known."""
@@ -318,7 +320,7 @@ class _Program:
             g_system="mill", axes="".join(axes), spindle_axis="", part=False,
         )  # fmt: skip
         self.moves = _Moves(axes)
-        self.added = self.unplaced = 0
+        self.added = self.unplaced = self.first_unplaced = 0
         self.chord = 0.0
         self.rotary_feed: str | None = None
         self.timed: dict[int, str] = {}  # rows that go over to G93, with F of G94
@@ -409,6 +411,7 @@ class _Program:
                 f"the program holds no move (G0 or G1) after which {', '.join(self.moves.axes)} are all "
                 "known; the correction of a machine depends on every axis"
             )
+        self.first_unplaced = self.moves.line[int(np.argmin(known))] + 1
         rows = np.flatnonzero(known)
         places, part = whole[rows], np.array(self.moves.part)[rows]
         dq = machine.at(places, part, whole=True)
@@ -660,6 +663,14 @@ class _Program:
             raise refuse_block(line, what, "no F of G94 tells how long it takes", way)
         self.timed[self.moves.line[k]] = self.moves.rate[k]
         minutes = (straight or turned) / float(self.moves.rate[k])
+        if minutes < _SHORTEST_TURN:
+            raise refuse_block(
+                line,
+                what,
+                f"F along the way of the linear axes lets the turn take {minutes * 6e4:.2g} ms, as fast as the "
+                "machine can",
+                "give the block a feed of its own in inverse time (G93), or move the linear axes in another one",
+            )
         return format_feed(parts / minutes)
 
     def _change_feed_modes(self) -> None:
@@ -667,6 +678,13 @@ class _Program:
         for row, rate in self.timed.items():
             first, *others = self.lines[row].splitlines(keepends=True)
             tokens = tokenize(first, row + 1)
+            if any(t.letter == "M" and t.value in (2.0, 30.0) for t in tokens):
+                raise refuse_block(
+                    row + 1,
+                    "a feed move of axes of rotation that ends the program",
+                    "G94 would stand behind the end, and the control would stay in inverse time",
+                    "put M2 or M30 on a line of its own",
+                )
             lower = next(t for t in tokens if t.letter in self.moves.axes).text[0].islower()
             stated = [t for t in tokens if t.letter == "G" and t.value == 94.0]
             if stated:
@@ -734,7 +752,15 @@ class _Program:
                 "with the words of the axes where those of the axes of rotation are 0"
             )
         if self.unplaced:
-            found.append(f"{self.unplaced} moves before all axes were known are left as they were")
+            left = (
+                "a move at line"
+                if self.unplaced == 1
+                else f"{self.unplaced} moves, the first at line"
+            )
+            found.append(
+                f"{left} {self.first_unplaced}: not all axes were known there (before their first words, "
+                "or where a tool length or a control of the tool point ended), left as written"
+            )
         found.append(
             f"between poses the tool point misses its nominal way by up to "
             f"{format_length(self.chord, digits=2)}"

@@ -319,11 +319,12 @@ def _require_whole(
         why = "without the M30 that metrosep wrote at its end"
     elif not text.has_end:
         lost = [k for k in before if k not in block]
-        final = list(block.values())[-1]
-        digits = [v.partition(".")[2] for v in (before.get(list(block)[-1], ""), final)]
+        letter, number_text = list(block.items())[-1]
         if lost:
             why = f"without M30 and in a line without an end, and without the {', '.join(lost)} of the block before"
-        elif "." not in final or len(digits[0]) != len(digits[1]):
+        elif (
+            before.get(letter) != number_text
+        ):  # as many digits as before show nothing: zeros are cut
             why = (
                 "without M30 and in a line without an end, whose last number may have lost digits"
             )
@@ -331,7 +332,7 @@ def _require_whole(
         raise CorruptFileError(
             text.place,
             f"the program ends at line {number} {why}: it was cut short (X, C and Z are then not where it "
-            "should end); copy it again, or close it with M30 if it is whole",
+            "should end); copy it again, or close it with a line end or M30 if it is whole",
         )
 
 
