@@ -155,6 +155,18 @@ def test_a_turn_without_a_feed_in_minutes_is_refused(tmp_path, head):
         corrected(tmp_path, text, rotary_feed="linear", errors=SPIN)
 
 
+@pytest.mark.parametrize(
+    ("tail", "said"),
+    [
+        ("G1 C90. F360 M30\n", "G94 would stand behind the end"),
+        ("G1 C90. X0.00005 F360\nM30\n", "lets the turn take 0.0083 ms"),
+    ],
+)
+def test_a_turn_that_no_control_makes_so_is_refused(tmp_path, tail, said):
+    with pytest.raises(UnsupportedFeatureError, match=re.escape(said)):
+        corrected(tmp_path, HEAD + tail, rotary_feed="linear", errors=SPIN)
+
+
 PART = """G21 G90 G94
 G0 X0. Y0. Z60. A-30. C20.
 G43.4 H3 Z50.
