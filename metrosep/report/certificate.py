@@ -89,7 +89,7 @@ def printed(number: str, language: str) -> str:
     >>> printed("2.32", "de"), printed("2.32", "zh")
     ('2,32', '2.32')
     """
-    return number.replace(".", ",") if language == "de" else number
+    return re.sub(r"(?<=\d)\.(?=\d)", ",", number) if language == "de" else number
 
 
 def languages_of(document: Document) -> list[str]:

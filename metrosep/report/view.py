@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -69,7 +69,7 @@ def view(document: Document) -> dict[str, Any]:
             meaning=t[f"means_{document.get('verdict') or 'none'}"]
         ),
         "decision_rule": rule if first["language"] == "en" or not rule else t["rule"],
-        "summary": _summary(document, estimate, t, own)
+        "summary": _summary(document, estimate, t, own, number_of)
         + [
             (capital(t["method"]) if k == "Method" else k, v)
             for k, v in separation_rows(separation)
@@ -117,7 +117,7 @@ Texts = Mapping[str, str]
 
 
 def _summary(
-    document: Document, estimate: Document, t: Texts, own: Texts
+    document: Document, estimate: Document, t: Texts, own: Texts, number_of: Callable[[str], str]
 ) -> list[tuple[str, str]]:
     rows = []
     if estimate.get("method"):
@@ -127,11 +127,15 @@ def _summary(
         )
     if estimate.get("start_m") is not None:
         rows.append(
-            (capital(t["evaluation_range"]), span(estimate["start_m"], estimate["stop_m"]))
+            (
+                capital(t["evaluation_range"]),
+                number_of(span(estimate["start_m"], estimate["stop_m"])),
+            )
         )
     if estimate.get("fit_range_m"):
-        rows.append((capital(t["modelled_travel"]), span(*estimate["fit_range_m"])))
-    rows.append((capital(t["runs"]), _runs((document.get("plots") or {}).get("feeds") or [], own)))
+        rows.append((capital(t["modelled_travel"]), number_of(span(*estimate["fit_range_m"]))))
+    feeds = (document.get("plots") or {}).get("feeds") or []
+    rows.append((capital(t["runs"]), number_of(_runs(feeds, own))))
     for way, phrase in lag_words(document) if estimate else []:
         rows.append((f"Delay of the reading{', ' + way if way else ''}", phrase))
     return [(k, v) for k, v in rows if v]

@@ -96,7 +96,7 @@ def machine_deviations(
     # a term, and what its u does where it has one
     acting: dict[str, list[Any]] = {name: [term] for name, term in given.terms.items()}
     for name, u in given.u_at({a: v for a, v in q.items() if np.ndim(v)}).items():
-        if np.any(u > 0.0):
+        if np.any(u != 0.0):  # NaN: not known, and so is what it does
             acting[name].append(CallableTerm(given.terms[name].sd))
     found = {name: np.zeros((len(terms), 4, n)) for name, terms in acting.items()}
     for first in range(0, n, _BLOCK):
