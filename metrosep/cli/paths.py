@@ -149,8 +149,10 @@ def path(
 ) -> int:
     """Write IN.nc with the error MAP of the part subtracted from Z, all other words as they are.
 
-    MAP holds actual minus nominal, heights out of the material, over the part or along X. Turn the
-    sense of C once on the machine before you trust it: a wrong --c-sense mirrors the correction.
+    MAP holds actual minus nominal, heights out of the material, over the part or along X; 'metrosep form
+    part.x3p --form "sphere: R=50 mm" --residual error.x3p' makes one of a part that was measured with its
+    form. Turn the sense of C once on the machine before you trust it: a wrong --c-sense mirrors the
+    correction.
 
     With --machine every axis of IN is corrected for the error terms of --error, files as for
     'machine-tables' or a folder that 'calibrate' wrote. IN is a list of positions
