@@ -30,6 +30,59 @@ _FEED_RTOL = 0.2
 SAME_FEED = 0.02
 """Feeds closer than this, relative, are one feedrate."""
 
+FORWARD = frozenset(
+    [
+        "fwd",
+        "forward",
+        "forwards",
+        "f",
+        "+",
+        "+1",
+        "1",
+        "1.0",
+        "up",
+        "vor",
+        "vorwärts",
+        "hin",
+        "aller",
+        "avanti",
+        "ida",
+        "正向",
+        "正",
+        "往",
+        "往路",
+        "positive",
+    ]
+)
+REVERSE = frozenset(
+    [
+        "rev",
+        "reverse",
+        "r",
+        "bwd",
+        "backward",
+        "backwards",
+        "b",
+        "-",
+        "-1",
+        "-1.0",
+        "down",
+        "zurück",
+        "rück",
+        "rückwärts",
+        "her",
+        "retour",
+        "indietro",
+        "vuelta",
+        "反向",
+        "逆",
+        "復",
+        "復路",
+        "negative",
+    ]
+)
+"""How a column of directions says which way a run goes, or a target is approached."""
+
 _MM_PER_MIN = 1e-3 / 60.0
 
 

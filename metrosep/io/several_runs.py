@@ -9,7 +9,7 @@ from typing import Any
 
 from metrosep.core.errors import FormatMismatchError
 
-__all__ = ["BLOCKS", "FoundRuns", "SeveralRunsError"]
+__all__ = ["BLOCKS", "FoundRuns", "SeveralRunsError", "table_advice"]
 
 BLOCKS = "blocks"
 """What ``run=`` takes where no column numbers the runs: they begin where the position jumps back."""
@@ -27,6 +27,9 @@ class FoundRuns:
     undeclared: tuple[str, ...] = ()
     in_volts: bool = False  # the reading is a voltage, and its sensitivity is not known
     assumed: frozenset[str] = frozenset()  # keys of columns that no name tells, only what is left
+    targets: Mapping[str, str] = field(
+        default_factory=dict
+    )  # options of `table`: a positioning test
 
     def __str__(self) -> str:
         if self.run != BLOCKS:
@@ -50,6 +53,12 @@ class FoundRuns:
 
     def advice(self, path: object, options: Mapping[str, Any] | None = None) -> str:
         """Return the calls that read them, with the options that the file was read with."""
+        first = ""
+        if self.targets:
+            first = table_advice(path, self.targets)
+            if not self.is_known():
+                return first
+            first += "; sampled runs: "
         columns = {k: f"{v}:UNIT" if v in self.undeclared else v for k, v in self.columns.items()}
         given = {"x": "COLUMN", "z": "COLUMN", **columns, "run": self.run}
         if self.in_volts:
@@ -65,9 +74,18 @@ class FoundRuns:
         call = ", ".join(f"{k}={v!r}" for k, v in given.items())
         words = (w for k, v in given.items() for w in (f"--{k.replace('_', '-')}", v))
         return (
-            f"{fill_in}read them with metrosep.read_runs({str(path)!r}, {call}), or separate them with: "
+            f"{first}{fill_in}read them with metrosep.read_runs({str(path)!r}, {call}), or separate them with: "
             f"metrosep separate {shlex.join([str(path), *words])}"
         )
+
+
+def table_advice(path: object, targets: Mapping[str, str]) -> str:
+    """Return the call that makes a pitch table of a list of targets."""
+    words = [w for k, v in targets.items() for w in (f"--{k}", v)]
+    return (
+        "targets that were reached in both directions (a positioning test): fill in the axis (AXIS) and make "
+        f"its pitch table with: metrosep table {shlex.join([str(path), *words])} --axis AXIS -o FILE"
+    )
 
 
 def _typed(value: Any) -> str:
