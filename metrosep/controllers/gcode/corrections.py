@@ -189,7 +189,7 @@ def _reach(error: object, middle: tuple[float, float]) -> str:
         f"it was measured from {x0:.5g} to {x1:.5g} mm in x and {y0:.5g} to {y1:.5g} mm in y of the "
         "spindle axis"
     )
-    if any(low + high > abs(high - low) / 2 for low, high in ends):
+    if any(abs(low + high) > (high - low) / 2 for low, high in ends):
         text += "; if the axis is in the middle of the map, say centre='middle'"
     return text
 
