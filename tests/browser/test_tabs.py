@@ -266,7 +266,7 @@ def test_another_file_by_the_same_recipe_is_overlaid(opened: Opened, tmp_path: P
     page.press("Enter")
     page.wait("document.querySelector('.compare-picture').dataset.drawn === 'curves'", LONG)
     assert "curve.error" in page.text(".compare tbody")
-    assert page.text(".compare-picture").count("b.csv") == 2
+    assert page.text(".compare-picture").count("b.csv") == 3  # side by side, overlaid, difference
     assert "The recipes are the same." in page.text(".compare-rows")
     assert page.errors == []
 
