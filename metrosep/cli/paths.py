@@ -422,13 +422,13 @@ def _points(
 
 
 def _print(result: PathResult | PointResult) -> None:
-    from metrosep.core.units import format_length, format_span
+    from metrosep.core.units import format_ends, format_length
 
     low, high = result.correction
     audit = result.audit
     total = audit.get("n_blocks", audit.get("n_points"))
     kind = "blocks" if "n_blocks" in audit else "points"
-    say(f"{result.n_changed} of {total} {kind} changed, correction {format_span(low, high)}")
+    say(f"{result.n_changed} of {total} {kind} changed, correction {format_ends(low, high)}")
     if audit.get("n_inserted") or audit.get("n_added"):
         say(f"{audit['n_inserted']} words inserted, {audit['n_added']} blocks added")
     say(

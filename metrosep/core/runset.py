@@ -20,7 +20,7 @@ from metrosep.core.numbers import positive
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping, hash_bytes
 from metrosep.core.public import PublicObject, shortened
-from metrosep.core.units import format_length, format_span
+from metrosep.core.units import format_ends, format_length
 
 __all__ = ["Run", "RunSet"]
 
@@ -224,7 +224,7 @@ class Run(PublicObject):
         feed = "feed unknown" if self.feed is None else f"{self.feed / _MM_PER_MIN:.6g} mm/min"
         gaps = f", {self.n_invalid} not measured" if self.n_invalid else ""
         return shortened(
-            f"Run({self.run_id!r}: {self.x.size} samples, {format_span(float(self.x[0]), float(self.x[-1]))}"
+            f"Run({self.run_id!r}: {self.x.size} samples, {format_ends(float(self.x[0]), float(self.x[-1]))}"
             f", {way}, {feed}{gaps})"
         )
 
@@ -475,7 +475,7 @@ class RunSet(PublicObject):
             low, high = self.common_travel
         except InvalidSamplesError:
             return "none"
-        return format_span(low, high, between=to)
+        return format_ends(low, high, between=to)
 
     def _repr_html_(self) -> str:
         """Return a small table for notebooks."""

@@ -19,7 +19,7 @@ from metrosep.core.numbers import positive
 from metrosep.core.profile import html_summary
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.public import Guessed, PublicObject
-from metrosep.core.units import format_length, format_span
+from metrosep.core.units import format_ends, format_length
 
 if TYPE_CHECKING:
     from metrosep.core.profile import Profile
@@ -180,7 +180,7 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         if first > last:
             raise TooFewSamplesError(
                 f"no pixel between {name} = {format_length(low)} and {format_length(high)}; the map "
-                f"spans {format_span(start, start + step * (n - 1), between=' to ')}"
+                f"spans {format_ends(start, start + step * (n - 1), between=' to ')}"
             )
         return slice(first, last + 1), start + step * first
 
@@ -192,7 +192,7 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
             else f"{format_length(self.dx)} x {format_length(self.dy)} steps"
         )
         heights = (
-            f"z {format_span(float(valid.min()), float(valid.max()))}"
+            f"z {format_ends(float(valid.min()), float(valid.max()))}"
             if valid.size
             else "nothing measured"
         )

@@ -18,9 +18,9 @@ __all__ = [
     "SURROUNDINGS",
     "Unit",
     "column_unit",
+    "format_ends",
     "format_engineering",
     "format_length",
-    "format_span",
     "likely_meaning",
     "parse_quantity",
     "parse_sensitivity",
@@ -549,14 +549,14 @@ def format_length(value: float | None, *, digits: int = 4) -> str:
     return f"{_plain_digits(value, digits)} m"
 
 
-def format_span(low: float, high: float, *, digits: int = 4, between: str = " ... ") -> str:
+def format_ends(low: float, high: float, *, digits: int = 4, between: str = " ... ") -> str:
     """Return two ends of a range in m as text with one unit, that of the larger end.
 
     An end below a thousandth of that unit keeps its own.
 
     Examples
     --------
-    >>> format_span(0.0, 50e-3), format_span(-80e-9, 1.2e-6, between=" to ")
+    >>> format_ends(0.0, 50e-3), format_ends(-80e-9, 1.2e-6, between=" to ")
     ('0 ... 50 mm', '-0.08 to 1.2 um')
     """
     small, size = sorted((abs(low), abs(high)))

@@ -19,7 +19,7 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import positive, real
-from metrosep.core.units import format_length, format_span, parse_quantity, parse_unit
+from metrosep.core.units import format_ends, format_length, parse_quantity, parse_unit
 from metrosep.parameters.decision import Verdict, worst
 from metrosep.spectral.masked import MaskedPsd
 from metrosep.spectral.spectra import Psd
@@ -348,8 +348,8 @@ def _bands(
     if not ((f >= first) & (f <= last)).any():
         raise DataError(
             f"no frequency of the spectrum lies in the band of the limit, "
-            f"{format_span(limit.shortest, limit.longest, between=' to ')}: it reaches from "
-            f"{format_span(1 / f[-1], 1 / lowest, between=' to ')}"
+            f"{format_ends(limit.shortest, limit.longest, between=' to ')}: it reaches from "
+            f"{format_ends(1 / f[-1], 1 / lowest, between=' to ')}"
         )
     if limit.A is None:
         edges = np.array([first, last])

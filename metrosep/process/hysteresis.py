@@ -37,7 +37,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.recording import Recording
-from metrosep.core.units import format_length, format_span
+from metrosep.core.units import format_ends, format_length
 from metrosep.process._plain import Frozen, complete, frozen
 from metrosep.process.flexure import FlexureCalibration, samples
 
@@ -376,8 +376,8 @@ def _within(wanted: FloatArray, curve: FloatArray) -> FloatArray:
     slack = 0.1 * (high - low)
     if float(wanted.min()) < low - slack or float(wanted.max()) > high + slack:
         raise LimitError(
-            f"displacements from {format_span(float(wanted.min()), float(wanted.max()), between=' to ')} "
-            f"leave the calibrated stroke {format_span(low, high, between=' to ')}"
+            f"displacements from {format_ends(float(wanted.min()), float(wanted.max()), between=' to ')} "
+            f"leave the calibrated stroke {format_ends(low, high, between=' to ')}"
         )
     return np.clip(wanted, low, high)
 

@@ -6,8 +6,8 @@ import pytest
 
 from metrosep.core.units import (
     column_unit,
+    format_ends,
     format_length,
-    format_span,
     parse_quantity,
     parse_sensitivity,
     parse_unit,
@@ -216,4 +216,4 @@ def test_a_decimal_comma_is_named(text, point):
     ],
 )
 def test_both_ends_of_a_range_have_one_unit(low, high, text):
-    assert format_span(low, high) == text
+    assert format_ends(low, high) == text

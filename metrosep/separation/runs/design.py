@@ -22,7 +22,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.runset import Run, RunSet
-from metrosep.core.units import format_span
+from metrosep.core.units import format_ends
 from metrosep.separation.runs.clock import fit_clock
 
 __all__ = ["PreparedRun", "evaluation_range", "prepare_runs", "probe_names", "thin_parts"]
@@ -125,8 +125,8 @@ def evaluation_range(
         uneven = max(low - widest_low, widest_high - high)
         if uneven > _TRAVEL_RTOL * travel:
             raise InvalidSamplesError(
-                f"the runs have different travels: all of them cover {format_span(low, high)}"
-                f", some reach {format_span(widest_low, widest_high)}"
+                f"the runs have different travels: all of them cover {format_ends(low, high)}"
+                f", some reach {format_ends(widest_low, widest_high)}"
                 f", {_odd_ends(runs)}; state start and length inside the "
                 "common part, or leave out the run that differs"
             )
@@ -145,14 +145,14 @@ def evaluation_range(
         low, high, what = widest_low, widest_high, "by the runs: they reach"
     if first < low - margin or last > high + margin or last <= first:
         raise InvalidSamplesError(
-            f"the evaluation range {format_span(first, last)} is not covered "
-            f"{what} {format_span(low, high)}; shorten it or measure further"
+            f"the evaluation range {format_ends(first, last)} is not covered "
+            f"{what} {format_ends(low, high)}; shorten it or measure further"
         )
     thin = [] if every else thin_parts(runs, first + margin, last - margin)
     if hole := next((part for part in thin if part[2] == 0), None):
         raise InvalidSamplesError(
-            f"no run covers {format_span(hole[0], hole[1])} of the evaluation "
-            f"range {format_span(first, last)}; shorten it or measure there"
+            f"no run covers {format_ends(hole[0], hole[1])} of the evaluation "
+            f"range {format_ends(first, last)}; shorten it or measure there"
         )
     return max(first, low), min(last, high)
 
@@ -178,7 +178,7 @@ def _odd_ends(runs: RunSet) -> str:
     ends = np.array([sorted((float(r.x[0]), float(r.x[-1]))) for r in runs])
     far = int(np.argmax(np.abs(ends - np.median(ends, axis=0)).max(axis=1)))
     name = runs[far].run_id or str(far + 1)
-    return f"run {name} {format_span(ends[far, 0], ends[far, 1])}"
+    return f"run {name} {format_ends(ends[far, 0], ends[far, 1])}"
 
 
 def probe_names(runs: RunSet, probes: Sequence[str] | None) -> list[str]:
