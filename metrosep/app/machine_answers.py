@@ -13,7 +13,7 @@ from metrosep.core.errors import DataError
 
 __all__ = ["machine"]
 
-OPS = ("calibrate", "circle", "thermal")
+OPS = ("calibrate", "circle", "thermal", "iso230_7")
 
 
 def machine(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:

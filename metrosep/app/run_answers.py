@@ -33,7 +33,7 @@ from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import SAME_FEED, Run, RunSet
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 from metrosep.plot.left_out import lag_words, run_rows
 from metrosep.recipe.recipe import Recipe
 from metrosep.separation.runs.base import ErrorEstimate, SampledCurve
@@ -397,7 +397,7 @@ def level_runs(runs: RunSet, over: tuple[float, float]) -> LevelledRuns:
         level.append(Run(run.x, run.z - np.polyval(line, run.x), feed=run.feed, run_id=run.run_id))
     message = (
         "each without its least-squares line over "
-        f"{format_length(over[0])} ... {format_length(over[1])}, for display only"
+        f"{format_ends(over[0], over[1])}, for display only"
     )
     if elsewhere:
         message += f"; not measured there and levelled over all that was: {', '.join(elsewhere)}"
@@ -508,9 +508,7 @@ def feed_waves(
     feed = np.asarray(data["feed_mm_min"], dtype=np.float64)
     n = int((feed == feed[0]).sum()) if feed.size and not np.isnan(feed[0]) else feed.size
     low, high = travel_of(some)
-    part = (
-        f"{format_length(low)} ... {format_length(high)}, the travel that all runs share, tapered"
-    )
+    part = f"{format_ends(low, high)}, the travel that all runs share, tapered"
     if not n:
         part = "no run is without a gap over the common travel: a Fourier sum cannot bridge it"
         return FeedWaves((), np.zeros(0), np.zeros((0, 0)), part)

@@ -772,7 +772,7 @@ def _spans(
     for axis, text in name_values(options["spans"], "--span"):
         begin, dots, end = text.partition("..")
         if not dots:
-            raise click.UsageError(f'--span {axis} is two places, "{axis}=0 mm..400 mm"')
+            raise click.UsageError(f"--span {axis} is two places, {_travel_of(axis, kinds)}")
         stated[axis] = (
             _place(begin, axis, kinds, f"--span {axis}"),
             _place(end, axis, kinds, f"--span {axis}"),
@@ -785,13 +785,18 @@ def _spans(
             )
         if axis not in stated and axis not in known:
             raise click.UsageError(
-                f'no error of {axis} says how far it goes: give --span "{axis}=0 mm..400 mm"'
+                f"no error of {axis} says how far it goes: give --span {_travel_of(axis, kinds)}"
             )
         low, high = stated.get(axis, known.get(axis, (0.0, 0.0)))
         if not high > low:
             raise click.UsageError(f"{axis}: the travel must rise")
         found[axis] = (low, high)
     return found
+
+
+def _travel_of(axis: str, kinds: Mapping[str, str]) -> str:
+    """Return how the travel of an axis is typed."""
+    return f'"{axis}=0 deg..360 deg"' if kinds.get(axis) == "angle" else f'"{axis}=0 mm..400 mm"'
 
 
 # ---- files of errors ----------------------------------------------------------------------------

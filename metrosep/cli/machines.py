@@ -31,8 +31,17 @@ _MOST_BYTES = 2**26
 _OWN_FILES = ("result.json", "calibration.json", "thermal.json", "constants.toml")
 """Of an earlier call: a folder that holds one is not written into without --force."""
 
+_A_SET = """\b
+A SET, readings of an R-test:
+  # instrument = "nest"
+  # ball = "65 mm, -20 mm, 50 mm"
+  # unknown = ["ball"]
+  X_mm,Y_mm,Z_mm,A_deg,C_deg,reading_x_um,reading_y_um,reading_z_um
+  65,-130,-20,-90,0,-26.1,-29.0,35.0
+"""
 
-@click.command()
+
+@click.command(epilog=_A_SET)
 @click.argument("machine")
 @click.argument("sets", nargs=-1, required=True, metavar="SET...")
 @click.option(
@@ -79,10 +88,13 @@ def calibrate(
 ) -> int:
     """Find the error terms of MACHINE from readings of instruments, one file for each set-up.
 
-    MACHINE is a preset or a TOML file, as for 'rank'. A SET is text: its set-up in comment lines
-    (# instrument = "nest"), then the positions of the axes (X_mm, A_deg) and the readings (reading_um,
-    reading_x_um ...) in the order of time. Terms that the readings cannot distinguish are named. With -o the
-    terms are written as 'machine-tables' takes them.
+    MACHINE is a preset or a TOML file, as for 'rank'. A SET is text: its set-up in comment lines, then the
+    positions of the axes (X_mm, A_deg) and the readings (reading_um, reading_x_um ...) in the order of time.
+
+    Instruments: displacement (indicator, linear laser), angle (level, autocollimator), ballbar, nest (R-test,
+    touch probe on a ball), length (tracker); docs/explanation/machine-calibration.md lists what each reads.
+    Terms that the readings cannot distinguish are named. With -o the terms are written as 'machine-tables'
+    takes them.
     """
     lines = ["metrosep = 1", "", "[input]", f"files = {list_of(sets)}", "", "[[step]]"]
     lines += ['op = "calibrate"', f"machine = {quoted(machine)}"]

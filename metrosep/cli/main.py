@@ -134,6 +134,23 @@ def _global_first(words: list[str]) -> list[str]:
     return first + [w for w, yes in zip(words, is_global, strict=True) if not yes]
 
 
+_OTHER_WORDS = {"upper": ("limit", "max", "tolerance"), "lower": ("min",)}
+"""What people call an option whose name is not near that word, by option."""
+
+
+def _other_word(error: click.ClickException) -> str:
+    """Return the message for an option that a command has by another word, or nothing."""
+    if not isinstance(error, click.NoSuchOption) or error.ctx is None:
+        return ""
+    words = error.option_name.lstrip("-").removesuffix("s")
+    known = {p.name for p in error.ctx.command.params}
+    meant = [k for k, ways in _OTHER_WORDS.items() if words in ways and k in known]
+    if words == "limit" and "lower" in known:
+        meant.append("lower")
+    options = " or ".join(f"--{k}" for k in meant)
+    return f"No such option {error.option_name!r}. Did you mean {options}?" if meant else ""
+
+
 def _all_missing(error: click.ClickException, words: list[str]) -> str:
     """Return the message of options that a call needs and lacks, all at once; empty for other errors."""
     if not isinstance(error, click.MissingParameter) or error.ctx is None:
@@ -248,7 +265,9 @@ def main(arguments: list[str] | None = None) -> Any:
 
         sys.exit(report_error(KeyboardInterrupt(), verbosity=0))
     except click.ClickException as exc:
-        line = " ".join((_all_missing(exc, words) or exc.format_message()).split())
+        line = " ".join(
+            (_all_missing(exc, words) or _other_word(exc) or exc.format_message()).split()
+        )
         hint = ""
         if isinstance(exc, click.UsageError) and exc.ctx is not None:
             hint = f" (see '{exc.ctx.command_path} --help')"

@@ -19,8 +19,14 @@ if TYPE_CHECKING:
 
 __all__ = ["air", "identified", "predict", "rank"]
 
+_RANKING = """\b
+Examples:
+  metrosep rank sts_lathe --form "sphere: R=50 mm" --radius "15 mm" --all-lengths "1 um"
+  metrosep rank my_lathe.toml --form "sphere: R=50 mm" --radius "15 mm" --error "EXX=1 um"
+"""
 
-@click.command()
+
+@click.command(epilog=_RANKING)
 @click.argument("machine")
 @click.option("--form", required=True, metavar="FORM", help='"toric: Rb=265 mm, Rd=132.5 mm" ...')
 @click.option("--radius", required=True, metavar="LENGTH", help='Radius of the part: "20 mm".')
@@ -92,7 +98,8 @@ def rank(
 ) -> int:
     """Rank the error terms of MACHINE (a preset, or a file of TOML) by what they do to a part.
 
-    Presets: five_axis, fts_lathe, mill_xyz, sts_lathe.
+    Presets: five_axis, fts_lathe, mill_xyz, sts_lathe. docs/how-to/describe-a-machine.md has a file of an
+    own machine to copy, with all its keys. A term that is not named has no error.
     """
     lines = ["metrosep = 1", "", "[[step]]", 'op = "rank"', f"machine = {quoted(machine)}"]
     for key, value in options.items():

@@ -154,8 +154,10 @@ def path(
 ) -> int:
     """Write IN.nc with the error MAP of the part subtracted from Z, all other words as they are.
 
-    MAP holds actual minus nominal, heights out of the material, over the part or along X. Turn the
-    sense of C once on the machine before you trust it: a wrong --c-sense mirrors the correction.
+    MAP holds actual minus nominal, heights out of the material, over the part or along X; 'metrosep form
+    part.x3p --form "sphere: R=50 mm" --residual error.x3p' makes one of a part that was measured with its
+    form. Turn the sense of C once on the machine before you trust it: a wrong --c-sense mirrors the
+    correction.
 
     With --machine every axis of IN is corrected for the error terms of --error, files as for
     'machine-tables' or a folder that 'calibrate' wrote. IN is a list of positions
@@ -430,13 +432,13 @@ def _points(
 
 
 def _print(result: PathResult | PointResult) -> None:
-    from metrosep.core.units import format_length
+    from metrosep.core.units import format_ends, format_length
 
-    low, high = (format_length(v) for v in result.correction)
+    low, high = result.correction
     audit = result.audit
     total = audit.get("n_blocks", audit.get("n_points"))
     kind = "blocks" if "n_blocks" in audit else "points"
-    say(f"{result.n_changed} of {total} {kind} changed, correction {low} ... {high}")
+    say(f"{result.n_changed} of {total} {kind} changed, correction {format_ends(low, high)}")
     if audit.get("n_inserted") or audit.get("n_added"):
         say(f"{audit['n_inserted']} words inserted, {audit['n_added']} blocks added")
     say(

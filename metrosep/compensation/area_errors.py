@@ -19,7 +19,7 @@ from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 
 __all__ = [
     "LENGTHS",
@@ -30,6 +30,7 @@ __all__ = [
     "area_error",
     "bilinear",
     "column",
+    "ends_along",
     "format_along",
     "format_amount",
     "format_position",
@@ -289,6 +290,13 @@ def format_along(axis: str, value: float, *, digits: int = 4) -> str:
     if is_rotary(axis):
         return format_span(axis, value, digits=digits)
     return format_length(value, digits=digits)
+
+
+def ends_along(axis: str, low: float, high: float) -> str:
+    """Return two places of an axis with one unit."""
+    if is_rotary(axis):
+        return f"{format_along(axis, low)} ... {format_along(axis, high)}"
+    return format_ends(low, high)
 
 
 def format_range(axis: str, low: float, high: float) -> str:

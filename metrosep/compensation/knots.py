@@ -25,7 +25,7 @@ from metrosep.core.errors import (
     TableError,
     TooFewSamplesError,
 )
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 
 __all__ = ["Curve", "Knots", "choose_knots", "knots_for_tolerance", "optimal_values"]
 
@@ -269,8 +269,8 @@ def optimal_values(
     margin = 1e-9 * (places[-1] - places[0])
     if abs(knots[0] - places[0]) > margin or abs(knots[-1] - places[-1]) > margin:
         raise TableError(
-            f"the knots span {format_length(float(knots[0]))} ... {format_length(float(knots[-1]))}, "
-            f"the samples {format_length(float(places[0]))} ... {format_length(float(places[-1]))}: "
+            f"the knots span {format_ends(float(knots[0]), float(knots[-1]))}, "
+            f"the samples {format_ends(float(places[0]), float(places[-1]))}: "
             "the first and last knot must be the ends"
         )
     knots[0], knots[-1] = places[0], places[-1]
@@ -321,8 +321,7 @@ def _with_reference(
     zero = numbers.quantity(reference, "reference", "length")
     if not x[0] <= zero <= x[-1]:
         raise TableError(
-            f"the reference {format_length(zero)} lies outside {format_length(float(x[0]))} ... "
-            f"{format_length(float(x[-1]))}"
+            f"the reference {format_length(zero)} lies outside {format_ends(float(x[0]), float(x[-1]))}"
         )
     value = float(np.interp(zero, x, c))
     if abs(value) > 1e-9 * float(np.abs(c).max()):

@@ -31,7 +31,7 @@ from metrosep.core.errors import (
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.runset import RunSet
-from metrosep.core.units import format_length, parse_unit
+from metrosep.core.units import format_ends, format_length, parse_unit
 from metrosep.process.straightness_runs import (
     MOST_TRIED,
     Curves,
@@ -537,8 +537,8 @@ def _check_domain(x: FloatArray, domain: tuple[float, float]) -> None:
     step = (high - low) / max(x.size - 1, 1)
     if domain[0] < low - step or domain[1] > high + step:
         raise DataError(
-            f"the domain {format_length(domain[0])} ... {format_length(domain[1])} leaves the "
-            f"measured range {format_length(low)} ... {format_length(high)}: a polynomial is not "
+            f"the domain {format_ends(domain[0], domain[1])} leaves the "
+            f"measured range {format_ends(low, high)}: a polynomial is not "
             "extrapolated; narrow the domain or measure further"
         )
 

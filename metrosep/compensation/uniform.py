@@ -14,7 +14,7 @@ from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotUniformError, TableError
 from metrosep.core.provenance import Step
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 
 __all__ = ["Outside", "is_uniform", "resample_uniform", "resampling_error", "uniform_spacing"]
 
@@ -218,8 +218,8 @@ def resampling_error(old: CompensationTable, new: CompensationTable) -> float:
     last = min(old.span[1], new.span[1])
     if not last > first:
         raise TableError(
-            f"the tables cover {format_length(old.span[0])} ... {format_length(old.span[1])} and "
-            f"{format_length(new.span[0])} ... {format_length(new.span[1])}: they do not overlap"
+            f"the tables cover {format_ends(old.span[0], old.span[1])} and "
+            f"{format_ends(new.span[0], new.span[1])}: they do not overlap"
         )
     nodes = np.union1d(old.positions, new.positions)
     nodes = np.r_[first, nodes[(nodes > first) & (nodes < last)], last]
@@ -255,7 +255,7 @@ def _check_outside(
     if outside == "refuse":
         raise TableError(
             f"{beyond.size} entries from {beyond[0] * 1e3:.9g} mm on lie beyond the table "
-            f"{format_length(low)} ... {format_length(high)}: a correction is not extrapolated; "
+            f"{format_ends(low, high)}: a correction is not extrapolated; "
             "measure further, or choose outside='hold', 'zero' or 'taper'"
         )
     if outside == "hold":

@@ -51,7 +51,7 @@ from metrosep.controllers.base import (
 from metrosep.controllers.options import Option, flag, pick, whole
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, TableError
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 
 __all__ = ["PLCStructuredText", "PLCTurboPMAC"]
 
@@ -316,8 +316,7 @@ def _warnings(y: FloatArray, cost: float, options: Mapping[str, Any]) -> Iterato
     stroke, low, high = options["stroke"], float(y.min()), float(y.max())
     if stroke is not None and max(abs(low), abs(high)) > stroke:
         yield Finding.error(
-            f"y reaches {format_length(low)} ... {format_length(high)}, the stroke is "
-            f"{format_length(stroke)}",
+            f"y reaches {format_ends(low, high)}, the stroke is {format_length(stroke)}",
             "remove alignment from the error, change offset=, or use an actuator with more stroke",
             "stroke",
         )

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.compensation.area_errors import format_along, format_amount
+from metrosep.compensation.area_errors import ends_along, format_along, format_amount
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.controllers.base import DialectInfo, Encoded
@@ -138,7 +138,7 @@ def carried_findings(
         yield Finding.error(
             f"the file holds {format_along(table.axis, carried.span[0])} ... "
             f"{format_along(table.axis, carried.span[1])} of a table over "
-            f"{format_along(table.axis, low)} ... {format_along(table.axis, high)}",
+            f"{ends_along(table.axis, low, high)}",
             "state where it shall begin and end, or cut the table",
             "coverage",
         )
@@ -162,8 +162,8 @@ def _coverage(
         return []
     return [
         Finding.error(
-            f"the corrections cover {format_along(axis, low)} ... {format_along(axis, high)}, the travel is "
-            f"{format_along(axis, wanted_low)} ... {format_along(axis, wanted_high)}; outside the controller "
+            f"the corrections cover {ends_along(axis, low, high)}, the travel is "
+            f"{ends_along(axis, wanted_low, wanted_high)}; outside the controller "
             f"does this: {info.outside}",
             "measure the whole travel, or narrow it",
             "coverage",

@@ -54,7 +54,7 @@ from metrosep.controllers.waves import (
 )
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
-from metrosep.core.units import format_length, parse_sensitivity
+from metrosep.core.units import format_ends, format_length, parse_sensitivity
 from metrosep.process.flexure import FlexureCalibration
 
 __all__ = ["Voltage"]
@@ -624,8 +624,8 @@ def quantised(
     if beyond[i] > _SLACK * (high - low):
         raise LimitError(
             f"entry {i} at {places[i]:.9g} (m or rad) needs a displacement of "
-            f"{format_length(float(displacement[i]))}, the stage reaches {format_length(low)} ... "
-            f"{format_length(high)} between {curves.voltages[0]:.6g} and {curves.voltages[1]:.6g} V; "
+            f"{format_length(float(displacement[i]))}, the stage reaches {format_ends(low, high)}"
+            f" between {curves.voltages[0]:.6g} and {curves.voltages[1]:.6g} V; "
             "set offset=, remove offset and line from the error, or take a stage of more stroke"
         )
     inside = np.clip(displacement, low, high)

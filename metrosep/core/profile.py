@@ -18,7 +18,7 @@ from metrosep.core.errors import InvalidSamplesError, NotUniformError, TooFewSam
 from metrosep.core.numbers import quantity
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.public import Guessed, PublicObject
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 
 __all__ = ["Profile"]
 
@@ -53,7 +53,7 @@ class Profile(Heights, HeightArithmetic, Guessed, PublicObject):
     --------
     >>> import numpy as np
     >>> Profile(np.linspace(0, 1e-3, 5), [0, 1e-9, np.nan, 0, 0])
-    Profile(5 samples, 1 mm, step 250 um, z 0 m ... 1 nm, 1 not measured)
+    Profile(5 samples, 1 mm, step 250 um, z 0 ... 1 nm, 1 not measured)
     """
 
     x: FloatArray
@@ -159,7 +159,7 @@ class Profile(Heights, HeightArithmetic, Guessed, PublicObject):
         if not keep.any():
             raise TooFewSamplesError(
                 f"no sample between {format_length(start)} and {format_length(stop)}; the profile "
-                f"spans {format_length(float(self.x[0]))} to {format_length(float(self.x[-1]))}"
+                f"spans {format_ends(float(self.x[0]), float(self.x[-1]), between=' to ')}"
             )
         step = Step("crop", {"start_m": start, "stop_m": stop})
         return Profile(
@@ -199,7 +199,7 @@ class Profile(Heights, HeightArithmetic, Guessed, PublicObject):
         span = f"{format_length(float(np.ptp(self.x)))}"
         step = f"step {format_length(self.dx)}" if self.is_uniform else "step not uniform"
         heights = (
-            f"z {format_length(float(valid.min()))} ... {format_length(float(valid.max()))}"
+            f"z {format_ends(float(valid.min()), float(valid.max()))}"
             if valid.size
             else "nothing measured"
         )

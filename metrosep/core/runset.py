@@ -20,7 +20,7 @@ from metrosep.core.numbers import positive
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping, hash_bytes
 from metrosep.core.public import PublicObject, shortened
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 
 __all__ = ["Run", "RunSet"]
 
@@ -29,6 +29,59 @@ _FEED_RTOL = 0.2
 
 SAME_FEED = 0.02
 """Feeds closer than this, relative, are one feedrate."""
+
+FORWARD = frozenset(
+    [
+        "fwd",
+        "forward",
+        "forwards",
+        "f",
+        "+",
+        "+1",
+        "1",
+        "1.0",
+        "up",
+        "vor",
+        "vorwärts",
+        "hin",
+        "aller",
+        "avanti",
+        "ida",
+        "正向",
+        "正",
+        "往",
+        "往路",
+        "positive",
+    ]
+)
+REVERSE = frozenset(
+    [
+        "rev",
+        "reverse",
+        "r",
+        "bwd",
+        "backward",
+        "backwards",
+        "b",
+        "-",
+        "-1",
+        "-1.0",
+        "down",
+        "zurück",
+        "rück",
+        "rückwärts",
+        "her",
+        "retour",
+        "indietro",
+        "vuelta",
+        "反向",
+        "逆",
+        "復",
+        "復路",
+        "negative",
+    ]
+)
+"""How a column of directions says which way a run goes, or a target is approached."""
 
 _MM_PER_MIN = 1e-3 / 60.0
 
@@ -78,7 +131,7 @@ class Run(PublicObject):
     --------
     >>> import numpy as np
     >>> Run(np.linspace(10e-3, 0, 101), np.zeros(101), feed=0.08, run_id="r1")
-    Run('r1': 101 samples, 10 mm ... 0 m, reverse, 4800 mm/min)
+    Run('r1': 101 samples, 10 ... 0 mm, reverse, 4800 mm/min)
     """
 
     x: FloatArray
@@ -171,8 +224,8 @@ class Run(PublicObject):
         feed = "feed unknown" if self.feed is None else f"{self.feed / _MM_PER_MIN:.6g} mm/min"
         gaps = f", {self.n_invalid} not measured" if self.n_invalid else ""
         return shortened(
-            f"Run({self.run_id!r}: {self.x.size} samples, {format_length(float(self.x[0]))} ... "
-            f"{format_length(float(self.x[-1]))}, {way}, {feed}{gaps})"
+            f"Run({self.run_id!r}: {self.x.size} samples, {format_ends(float(self.x[0]), float(self.x[-1]))}"
+            f", {way}, {feed}{gaps})"
         )
 
 
@@ -265,7 +318,7 @@ class RunSet(PublicObject):
     >>> import numpy as np
     >>> x = np.linspace(0, 10e-3, 101)
     >>> RunSet([Run(x, np.zeros(101), feed=f) for f in (0.08, 0.12)])
-    RunSet(2 runs, feeds 4800, 7200 mm/min, forward, common travel 0 m ... 10 mm)
+    RunSet(2 runs, feeds 4800, 7200 mm/min, forward, common travel 0 ... 10 mm)
     """
 
     runs: tuple[Run, ...]
@@ -422,7 +475,7 @@ class RunSet(PublicObject):
             low, high = self.common_travel
         except InvalidSamplesError:
             return "none"
-        return f"{format_length(low)}{to}{format_length(high)}"
+        return format_ends(low, high, between=to)
 
     def _repr_html_(self) -> str:
         """Return a small table for notebooks."""

@@ -19,7 +19,7 @@ from metrosep.core.numbers import positive
 from metrosep.core.profile import html_summary
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.public import Guessed, PublicObject
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 
 if TYPE_CHECKING:
     from metrosep.core.profile import Profile
@@ -75,7 +75,7 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
     --------
     >>> import numpy as np
     >>> Surface([[0, 1e-9], [np.nan, 2e-9]], dx=1e-6, dy=2e-6)
-    Surface(2 x 2, 1 um x 2 um steps, z 0 m ... 2 nm, 25.0 % not measured)
+    Surface(2 x 2, 1 um x 2 um steps, z 0 ... 2 nm, 25.0 % not measured)
     """
 
     z: FloatArray
@@ -180,7 +180,7 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         if first > last:
             raise TooFewSamplesError(
                 f"no pixel between {name} = {format_length(low)} and {format_length(high)}; the map "
-                f"spans {format_length(start)} to {format_length(start + step * (n - 1))}"
+                f"spans {format_ends(start, start + step * (n - 1), between=' to ')}"
             )
         return slice(first, last + 1), start + step * first
 
@@ -192,7 +192,7 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
             else f"{format_length(self.dx)} x {format_length(self.dy)} steps"
         )
         heights = (
-            f"z {format_length(float(valid.min()))} ... {format_length(float(valid.max()))}"
+            f"z {format_ends(float(valid.min()), float(valid.max()))}"
             if valid.size
             else "nothing measured"
         )

@@ -18,6 +18,7 @@ __all__ = [
     "SURROUNDINGS",
     "Unit",
     "column_unit",
+    "format_ends",
     "format_engineering",
     "format_length",
     "likely_meaning",
@@ -546,6 +547,26 @@ def format_length(value: float | None, *, digits: int = 4) -> str:
         if size < limit:
             return f"{_plain_digits(value / factor, digits)} {name}"
     return f"{_plain_digits(value, digits)} m"
+
+
+def format_ends(low: float, high: float, *, digits: int = 4, between: str = " ... ") -> str:
+    """Return two ends of a range in m as text with one unit, that of the larger end.
+
+    An end below a thousandth of that unit keeps its own.
+
+    Examples
+    --------
+    >>> format_ends(0.0, 50e-3), format_ends(-80e-9, 1.2e-6, between=" to ")
+    ('0 ... 50 mm', '-0.08 to 1.2 um')
+    """
+    small, size = sorted((abs(low), abs(high)))
+    factor, name = next(
+        ((f, n) for limit, n, f in _LENGTH_STEPS if 0.0 < size < limit), (1.0, "m")
+    )
+    if math.isnan(low + high) or 0.0 < small < 1e-3 * factor:
+        return f"{format_length(low, digits=digits)}{between}{format_length(high, digits=digits)}"
+    ends = [_plain_digits(v / factor, digits) if v else "0" for v in (low, high)]
+    return f"{ends[0]}{between}{ends[1]} {name}"
 
 
 def format_engineering(value: float, unit: str, *, digits: int = 4) -> str:

@@ -83,7 +83,10 @@ def _pairs(rest: str, text: str) -> dict[str, str]:
     for part in filter(None, (p.strip() for p in rest.split(","))):
         key, _, value = (p.strip() for p in part.partition("="))
         if not key or not value:
-            raise DataError(f"{text!r}: expected key=value between the commas, found {part!r}")
+            hint = f"; name the value, such as R={part}" if part[:1].isdigit() else ""
+            raise DataError(
+                f"{text!r}: expected key=value between the commas, found {part!r}{hint}"
+            )
         if key in pairs:
             raise DataError(f"{text!r}: {key} is given twice")
         pairs[key] = value

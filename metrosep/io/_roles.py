@@ -14,19 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.runset import FORWARD, REVERSE
 from metrosep.io.several_runs import BLOCKS, FoundRuns
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.encoding import ROLE_WORDS, Role
 from metrosep.io.text.table import Column, Table
 
 __all__ = [
-    "FORWARD",
-    "REVERSE",
     "Role",
     "is_read_too",
     "jumps_back",
     "role_of",
     "runs_in",
+    "targets_in",
     "tells_direction",
 ]
 
@@ -139,6 +139,7 @@ def runs_in(table: Table) -> FoundRuns | None:
         "undeclared": undeclared,
         "in_volts": in_volts,
         "assumed": assumed,
+        "targets": targets_in(table),
     }
     for column in by_role.get("run", ()):
         marks = np.array(column.labels) if column.labels is not None else column.values
@@ -157,56 +158,38 @@ def runs_in(table: Table) -> FoundRuns | None:
     return None
 
 
-FORWARD: Final = frozenset(
-    [
-        "fwd",
-        "forward",
-        "forwards",
-        "f",
-        "+",
-        "+1",
-        "1",
-        "1.0",
-        "up",
-        "vor",
-        "vorwärts",
-        "hin",
-        "aller",
-        "avanti",
-        "ida",
-        "正向",
-        "正",
-        "往",
-        "往路",
+_MOST_TARGETS = 1000
+
+
+def targets_in(table: Table) -> dict[str, str]:
+    """Return the options of `table` for a list of targets, each reached in both directions; else none.
+
+    A column of places, a column of directions and readings in lengths, without feedrate or time.
+    """
+    roles = {c.name: role_of(c.name) for c in table.columns}
+    ways = [c for c in table.columns if c.labels is not None and tells_direction(c)]
+    if len(ways) != 1 or {"feed", "time"} & set(roles.values()):
+        return {}
+    is_forward = np.array([w.strip().casefold() in FORWARD for w in ways[0].labels or ()])
+
+    def holds_targets(column: Column) -> bool:
+        if roles[column.name] != "position" or column.values is None:
+            return False
+        there, back = (np.unique(column.values[m]) for m in (is_forward, ~is_forward))
+        return 2 <= there.size <= _MOST_TARGETS and np.array_equal(there, back)
+
+    targets = [c.name for c in table.columns if holds_targets(c)]
+    readings = [
+        c.name
+        for c in table.columns
+        if c.values is not None and c.name not in targets and roles[c.name] not in ("run", "index")
+        if c.unit is not None and c.unit.dimension == "length"
     ]
-)
-REVERSE: Final = frozenset(
-    [
-        "rev",
-        "reverse",
-        "r",
-        "bwd",
-        "backward",
-        "backwards",
-        "b",
-        "-",
-        "-1",
-        "-1.0",
-        "down",
-        "zurück",
-        "rück",
-        "rückwärts",
-        "her",
-        "retour",
-        "indietro",
-        "vuelta",
-        "反向",
-        "逆",
-        "復",
-        "復路",
-    ]
-)
-"""How a column of directions says which way a run goes."""
+    if len(targets) != 1 or not readings:
+        return {}
+    found = {"target": targets[0], "direction": ways[0].name, "readings": ",".join(readings)}
+    cycles = [n for n, role in roles.items() if role == "run" and table[n].unit is None]
+    return found | ({"cycle": cycles[0]} if len(cycles) == 1 else {})
 
 
 def tells_direction(column: Column) -> bool:

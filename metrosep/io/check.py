@@ -23,13 +23,14 @@ from metrosep.core.runset import Run, RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import format_length
-from metrosep.io._roles import runs_in
+from metrosep.io._roles import runs_in, targets_in
 from metrosep.io.containers.hdf5 import saved_object
 from metrosep.io.findings import Finding, Level, height_findings
 from metrosep.io.own_runs import run_table
 from metrosep.io.read import read_any, read_one, recognise
 from metrosep.io.registry import principal
 from metrosep.io.runs import runs_of
+from metrosep.io.several_runs import table_advice
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.table import Table, read_table
 
@@ -97,7 +98,9 @@ def _text_runs(
         table = read_table(file, **text)
         found = runs_in(table)
         if found is None:
-            return None
+            targets = targets_in(table)
+            fix = table_advice(path, targets)
+            return (Finding("note", "holds a list of targets", fix),) if targets else None
         source = (file, table, description.id)
         runs = runs_of([source], found.specs(), angles=True) if found.is_known() else None
     except MetrosepError as exc:

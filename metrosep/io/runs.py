@@ -33,7 +33,7 @@ from metrosep.core.errors import (
 from metrosep.core.inputs import RoleColumns
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
-from metrosep.core.runset import SAME_FEED, Run, RunSet
+from metrosep.core.runset import FORWARD, REVERSE, SAME_FEED, Run, RunSet
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import (
     SURROUNDINGS,
@@ -44,7 +44,7 @@ from metrosep.core.units import (
     surrounding_header,
 )
 from metrosep.io import registry
-from metrosep.io._roles import FORWARD, REVERSE, jumps_back, runs_in
+from metrosep.io._roles import jumps_back, runs_in
 from metrosep.io.own_notes import is_marked
 from metrosep.io.own_runs import own_columns, own_runs, run_table
 from metrosep.io.several_runs import BLOCKS, SeveralRunsError

@@ -10,7 +10,7 @@ from typing import Any
 from metrosep.core.errors import FormatMismatchError
 from metrosep.core.units import parse_unit
 
-__all__ = ["BLOCKS", "FoundRuns", "SeveralRunsError"]
+__all__ = ["BLOCKS", "FoundRuns", "SeveralRunsError", "table_advice"]
 
 BLOCKS = "blocks"
 """What ``run=`` takes where no column numbers the runs: they begin where the position jumps back."""
@@ -29,6 +29,9 @@ class FoundRuns:
     in_volts: bool = False  # the reading is a voltage, and its sensitivity is not known
     assumed: frozenset[str] = frozenset()  # keys of columns that no name tells, only what is left
     is_own: bool = False  # metrosep wrote them, and knows their columns
+    targets: Mapping[str, str] = field(
+        default_factory=dict
+    )  # options of `table`: a positioning test
 
     def __str__(self) -> str:
         if self.run != BLOCKS:
@@ -63,6 +66,12 @@ class FoundRuns:
                 f"read them with metrosep.read_runs({str(path)!r}), or separate them with: metrosep separate "
                 f"{shlex.quote(str(path))}"
             )
+        first = ""
+        if self.targets:
+            first = table_advice(path, self.targets)
+            if not self.is_known():
+                return first
+            first += "; sampled runs: "
         columns = {k: f"{v}:UNIT" if v in self.undeclared else v for k, v in self.columns.items()}
         given = {"x": "COLUMN", "z": "COLUMN", **columns, "run": self.run}
         if self.in_volts:
@@ -84,9 +93,18 @@ class FoundRuns:
                 f"their mean with: metrosep table {shlex.join([str(path), *words])} --axis C --compensates C --spacing SPACING -o FILE"
             )
         return (
-            f"{fill_in}read them with metrosep.read_runs({str(path)!r}, {call}), or separate them with: "
+            f"{first}{fill_in}read them with metrosep.read_runs({str(path)!r}, {call}), or separate them with: "
             f"metrosep separate {shlex.join([str(path), *words])}"
         )
+
+
+def table_advice(path: object, targets: Mapping[str, str]) -> str:
+    """Return the call that makes a pitch table of a list of targets."""
+    words = [w for k, v in targets.items() for w in (f"--{k}", v)]
+    return (
+        "targets that were reached in both directions (a positioning test): fill in the axis (AXIS) and make "
+        f"its pitch table with: metrosep table {shlex.join([str(path), *words])} --axis AXIS -o FILE"
+    )
 
 
 def _typed(value: Any) -> str:

@@ -81,7 +81,10 @@ def _known(table: object, keys: Sequence[str], where: str) -> None:
             stem = str(key).partition("_")[0]
             units = [k for k in keys if k in _UNIT_KEYS and k.startswith(f"{stem}_")]
             hint = f"a unit belongs to the key: {', '.join(units)}" if units else ""
-            raise DataError(f"{where}: unknown key {key!r}; {hint or 'known: ' + ', '.join(keys)}")
+            raise DataError(
+                f"{where}: unknown key {key!r}; {hint or 'known: ' + ', '.join(keys)} "
+                "(docs/how-to/describe-a-machine.md has an example)"
+            )
 
 
 def _parameters(declared: Any, given: Mapping[str, float], source: str) -> dict[str, float]:

@@ -668,9 +668,16 @@ class Chain:
         names = (terms,) if isinstance(terms, str) else tuple(terms)
         unknown = [name for name in names if name not in self.terms]
         if unknown:
+            hint = paper_hint(unknown[0])
+            if not hint:
+                import difflib
+
+                name = str(unknown[0]).upper().replace("O", "0")  # no term has the letter O
+                near = difflib.get_close_matches(name, self.terms, n=1)
+                hint = f"; did you mean {near[0]}?" if near else ""
             raise DataError(
                 f"{unknown[0]!r} is not an error term of chain {self.name!r}; "
-                f"known are {', '.join(self.terms)}" + paper_hint(unknown[0])
+                f"known are {', '.join(self.terms)}{hint}"
             )
         return names
 

@@ -646,4 +646,6 @@ def report_text(table: SensitivityTable) -> str:
     for step in table.pareto()[1:4] if seen else ():
         done.extend(step.names)
         lines.append(f"without {' + '.join(done)}: {format_length(step.sq)}")
+        if step.sq == 0.0:  # what follows leaves nothing less
+            break
     return "\n".join([*lines, *table.messages])

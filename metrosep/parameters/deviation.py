@@ -22,7 +22,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 from metrosep.parameters.circle import CirclePoints, CircleSolution, best_circle
 from metrosep.parameters.form_result import FormDeviation, Kind, Reference, Support, form_table
 from metrosep.parameters.straightness import Optimum, optimum, straightness_deviation
@@ -442,7 +442,7 @@ def _datum(z: FloatArray, radius: float | None, exact: bool) -> tuple[float, flo
         return mean, None
     if float(z.min()) <= 0.0 or float(np.ptp(z)) > 0.5 * mean:
         raise DataError(
-            f"z from {format_length(float(z.min()))} to {format_length(float(z.max()))} is not the "
+            f"z from {format_ends(float(z.min()), float(z.max()), between=' to ')} is not the "
             "radius of a round part: an exact circle needs radius="
         )
     return mean, mean

@@ -19,7 +19,7 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import positive, real
-from metrosep.core.units import format_length, parse_quantity, parse_unit
+from metrosep.core.units import format_ends, format_length, parse_quantity, parse_unit
 from metrosep.parameters.decision import Verdict, worst
 from metrosep.spectral.masked import MaskedPsd
 from metrosep.spectral.spectra import Psd
@@ -347,9 +347,9 @@ def _bands(
     first, last = max(low, lowest), min(high, float(f[-1]))
     if not ((f >= first) & (f <= last)).any():
         raise DataError(
-            f"no frequency of the spectrum lies in the band of the limit, {format_length(limit.shortest)}"
-            f" to {format_length(limit.longest)}: it reaches from {format_length(1 / f[-1])} to "
-            f"{format_length(1 / lowest)}"
+            f"no frequency of the spectrum lies in the band of the limit, "
+            f"{format_ends(limit.shortest, limit.longest, between=' to ')}: it reaches from "
+            f"{format_ends(1 / f[-1], 1 / lowest, between=' to ')}"
         )
     if limit.A is None:
         edges = np.array([first, last])

@@ -37,7 +37,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.recording import Recording
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 from metrosep.process._plain import Frozen, complete, frozen
 from metrosep.process.flexure import FlexureCalibration, samples
 
@@ -376,8 +376,8 @@ def _within(wanted: FloatArray, curve: FloatArray) -> FloatArray:
     slack = 0.1 * (high - low)
     if float(wanted.min()) < low - slack or float(wanted.max()) > high + slack:
         raise LimitError(
-            f"displacements from {format_length(float(wanted.min()))} to {format_length(float(wanted.max()))} "
-            f"leave the calibrated stroke {format_length(low)} to {format_length(high)}"
+            f"displacements from {format_ends(float(wanted.min()), float(wanted.max()), between=' to ')} "
+            f"leave the calibrated stroke {format_ends(low, high, between=' to ')}"
         )
     return np.clip(wanted, low, high)
 

@@ -14,7 +14,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.regions import check_region, measured_middle, region_words, within_region
 from metrosep.core.surface import Surface
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends
 
 __all__ = [
     "SMOOTH",
@@ -124,7 +124,7 @@ def _given(centre: Any, obj: Measured) -> tuple[float, float]:
 
 
 def _span(values: FloatArray) -> str:
-    return f"{format_length(float(values.min()))} to {format_length(float(values.max()))}"
+    return f"{format_ends(float(values.min()), float(values.max()), between=' to ')}"
 
 
 # ---- outliers of a map or profile: heights that stand far from their neighbours ----------------

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import positive
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 
 __all__ = ["Band", "fourier_basis", "fourier_coefficients", "fourier_sum"]
 
@@ -195,7 +195,7 @@ class Band:
         ):
             raise DataError(
                 f"a band runs from its shortest to its longest wavelength, got "
-                f"{format_length(self.shortest)} to {format_length(self.longest)}"
+                f"{format_ends(self.shortest, self.longest, between=' to ')}"
             )
 
     def __repr__(self) -> str:

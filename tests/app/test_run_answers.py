@@ -361,7 +361,7 @@ def test_the_runs_are_there_before_anything_is_separated(tmp_path):
     assert header["is_preview"]
     assert "separated" not in header
     assert header["range"] == pytest.approx([6 * MM, 54 * MM], abs=1e-12)
-    assert "without its least-squares line over 6 mm ... 54 mm" in header["levelled"]
+    assert "without its least-squares line over 6 ... 54 mm" in header["levelled"]
     assert [r["feed_words"] for r in header["runs"]] == [
         w for w in ("4800 mm/min", "7200 mm/min", "9600 mm/min") for _ in range(2)
     ]

@@ -84,7 +84,7 @@ def test_each_run_loses_the_line_over_the_range_and_nothing_else():
     line = fitted_line(tilted.x, tilted.z, START, START + LENGTH)
     slope = (line[-1] - line[0]) / (tilted.x[-1] - tilted.x[0])
     assert abs(found.slopes[0] - slope) < 1e-6 * 1e-4
-    assert "5 mm ... 45 mm" in found.message
+    assert "5 ... 45 mm" in found.message
     assert np.abs(tilted.z - (bump(tilted.x) + 1e-4 * tilted.x + 7e-6)).max() < ROUNDING
 
 

@@ -266,7 +266,7 @@ def test_another_file_by_the_same_recipe_is_overlaid(opened: Opened, tmp_path: P
     page.press("Enter")
     page.wait("document.querySelector('.compare-picture').dataset.drawn === 'curves'", LONG)
     assert "curve.error" in page.text(".compare tbody")
-    assert page.text(".compare-picture").count("b.csv") == 2
+    assert page.text(".compare-picture").count("b.csv") == 3  # side by side, overlaid, difference
     assert "The recipes are the same." in page.text(".compare-rows")
     assert page.errors == []
 
@@ -293,4 +293,56 @@ def test_a_calibration_shows_terms_residuals_and_the_volumetric_error(
         ".getImageData(0, 0, c.width, c.height).data; return new Set([...d].filter((_, i) => i % 4 === 1)).size; })()"
     )
     assert colours > 10
+    assert page.errors == []
+
+
+COLOURED = """(() => { const c = document.querySelector('.machine-round');
+ const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+ const want = getComputedStyle(document.documentElement).getPropertyValue('--feed-0').match(/\\w\\w/g).map((h) => parseInt(h, 16));
+ const found = []; for (let i = 0; i < d.length; i += 4)
+ if (d[i + 3] > 200 && want.every((v, k) => Math.abs(d[i + k] - v) < 30)) found.push([(i / 4) % c.width, Math.floor(i / 4 / c.width)]);
+ return found; })()"""
+
+
+def test_a_spindle_stands_about_a_circle_and_its_centre_is_an_edit(
+    opened: Opened, tmp_path: Path
+) -> None:
+    folder = tmp_path / "spindle"
+    folder.mkdir()
+    turn = np.arange(90) * 4.0  # ten revolutions, outward by 100 nm at 90 degrees alone
+    bump = 100.0 * np.exp(-(((turn - 90.0) / 12.0) ** 2))
+    rows = [
+        f"{a + 360.0 * k:g},{z + k % 2:.3f}"
+        for k in range(10)
+        for a, z in zip(turn, bump, strict=True)
+    ]
+    (folder / "s.csv").write_text("\n".join(["angle_deg,gap_nm", *rows]) + "\n")
+    recipe = folder / "recipe.toml"
+    recipe.write_text(
+        'metrosep = 1\n[input]\nfiles = ["s.csv"]\nreadings = ["gap_nm"]\nangle = "angle_deg"\n'
+        '[[step]]\nop = "iso230_7"\ndirection = "radial"\n'
+    )
+    page = opened(recipe)
+    page.click("#tab-machine")
+    page.wait("document.querySelector('.machine-round') !== null", LONG)
+    page.wait(f"{COLOURED}.length > 100", LONG)
+    places = np.array(page.run(COLOURED))
+    top, bottom = places[:, 1].min(), places[:, 1].max()
+    middle = page.run("document.querySelector('.machine-round').height") / 2
+    assert middle - top > 1.3 * (
+        bottom - middle
+    )  # angles rise counter-clockwise: 90 degrees is up
+    choose = (
+        "(() => { const s = document.querySelector('.machine-centre select'); s.value = 'MIC';"
+        " s.dispatchEvent(new Event('change')); })()"
+    )
+    settled(page, lambda: page.run(choose))
+    page.wait("document.querySelector('.machine-centre select').value === 'MIC'", LONG)
+    assert 'center = "MIC"' in page.run(
+        "document.querySelector('#recipe').click(), document.querySelector('dialog pre').textContent"
+    )
+    page.press("Escape")
+    page.run("document.activeElement.blur()")
+    settled(page, lambda: page.press("z"))
+    page.wait("document.querySelector('.machine-centre select').value === 'LSC'", LONG)
     assert page.errors == []

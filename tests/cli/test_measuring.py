@@ -143,6 +143,9 @@ def test_exit_code_is_the_verdict(metrosep, waves, limit, U, code):
         (("--lambda-s", "80 um", "--lambda-c", "20 um"), 2, "must be shorter"),
         (("--params", "Sq", "--U", "Sa=1 nm"), 2, "no limit"),
         (("--params", "Sq", "--upper", "Sq=1 nm", "--upper", "Sq=2 nm"), 2, "twice"),
+        (("--params", "Sq", "--limit", "Sq=1 nm"), 2, "Did you mean --upper or --lower?"),
+        (("--params", "Sq", "--max", "Sq=1 nm"), 2, "Did you mean --upper?"),
+        (("--form", "sphere: 50 mm"), 2, "name the value, such as R=50 mm"),
         (("--params", "PVr", "--upper", "PVr=1 um", "--U", "PVr=1 nm"), 2, "not a disc"),
     ],
 )

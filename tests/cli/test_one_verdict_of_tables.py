@@ -14,7 +14,7 @@ PMAC = "source_motor = 1, target_motor = 3"
 SURE = "sign_confirmed = true"
 
 CASES = {
-    "coverage": ("csv", 'travel_high = "60 mm"', "", "1 mm", r"the travel is 0 m \.\.\. 60 mm"),
+    "coverage": ("csv", 'travel_high = "60 mm"', "", "1 mm", r"the travel is 0 \.\.\. 60 mm"),
     "coarse step": ("pmac", f'{PMAC}, count = "5 um"', "", "1 mm", "rounding would dominate"),
     "entry": ("sinumerik-cec", f'{CEC}, value_limit = "1 um"', SURE, "1 mm", "MD32720"),
     "points": (

@@ -111,6 +111,8 @@ def test_a_map_needs_the_right_middle(call, tmp_path):
     )
     assert code == 4
     assert "in.nc: line 3" in err
+    assert "from -14 to -4 mm in x and -5 to 5 mm in y of the spindle axis" in err
+    assert "say --centre middle" in err
     assert "--outside zero" in err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["error.x3p", "in.nc"]
 

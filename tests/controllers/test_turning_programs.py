@@ -566,7 +566,7 @@ def test_without_a_line_end_the_last_number_is_whole_only_where_it_stood_before(
     head = "G21 G90 G94\nG1 F600 X10. C0. Z0.\n"
     file = tmp_path / "part.nc"
     file.write_text(head + "F600 X9.9 C30. Z0.12\nF600 X9.8 C60. Z0.22")
-    with pytest.raises(CorruptFileError, match="may have lost digits.*close it with a line end"):
+    with pytest.raises(CorruptFileError, match=r"may have lost digits.*close it with a line end"):
         read_program(file, NGC, quantity="tip")
     file.write_text(head + "X9.9 C30. Z0.12 F600\nX9.8 C60. Z0.225 F600")
     assert read_program(file, NGC, quantity="tip").Z[-1] == pytest.approx(2.25e-4, abs=1e-12)

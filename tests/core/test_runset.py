@@ -112,5 +112,5 @@ def test_repr_says_what_is_there():
     runs = RunSet([Run(X, np.zeros(101), feed=0.08), Run(X[::-1], np.zeros(101), feed=0.08)])
 
     assert repr(runs) == (
-        "RunSet(2 runs, feeds 4800 mm/min, forward and reverse, common travel 0 m ... 10 mm)"
+        "RunSet(2 runs, feeds 4800 mm/min, forward and reverse, common travel 0 ... 10 mm)"
     )

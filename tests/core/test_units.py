@@ -6,6 +6,7 @@ import pytest
 
 from metrosep.core.units import (
     column_unit,
+    format_ends,
     format_length,
     parse_quantity,
     parse_sensitivity,
@@ -201,3 +202,18 @@ def test_turns_per_minute_are_no_time_and_no_feed():
 def test_a_decimal_comma_is_named(text, point):
     with pytest.raises(UnitError, match=f"decimal comma; write a point, such as '{point}'"):
         parse_quantity(text, dimension="length", name="dx")
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "text"),
+    [
+        (0.0, 50e-3, "0 ... 50 mm"),
+        (-80.07e-9, 95.6e-9, "-80.07 ... 95.6 nm"),
+        (10e-3, 0.0, "10 ... 0 mm"),
+        (-3e-3, 1.2, "-0.003 ... 1.2 m"),
+        (0.0, 0.0, "0 ... 0 m"),
+        (2e-9, 0.8, "2 nm ... 800 mm"),  # in one unit the lower end would be unreadable
+    ],
+)
+def test_both_ends_of_a_range_have_one_unit(low, high, text):
+    assert format_ends(low, high) == text

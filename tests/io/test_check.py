@@ -1,6 +1,7 @@
 """`metrosep check`: every oddity is planted, and the same object without it gives no finding."""
 
 import json
+import shlex
 
 import numpy as np
 import pytest
@@ -205,3 +206,41 @@ def test_runs_of_our_own_are_described_and_checked(tmp_path, capsys, rng):
     finding, note = check_file(path)
     assert note.fix.endswith(f"metrosep separate {path}")
     assert finding.problem == "run 'b': 15.0% of 200 points were not measured"
+
+
+LIST = """target_mm;direction;r1_um;r2_um;r3_um
+0;fwd;0,1;0,2;0,1
+0;rev;0,6;0,5;0,7
+50;fwd;1,1;1,0;1,2
+50;rev;1,6;1,5;1,7
+100;fwd;2,1;2,2;2,0
+100;rev;2,6;2,7;2,5
+"""
+
+
+def test_a_list_of_targets_gets_the_call_that_makes_its_pitch_table(tmp_path, capsys):
+    path = tmp_path / "axis.csv"
+    path.write_text(LIST)
+
+    (finding,) = check_file(path)
+
+    assert finding.level == "note"
+    call = finding.fix.partition("metrosep table ")[2]
+    words = shlex.split(call.replace("AXIS", "X").replace("FILE", str(tmp_path / "x.comp")))
+    assert code_of("table", *words, "--deviation", "reached-minus-target") == 0
+    assert any(line.startswith("50") for line in (tmp_path / "x.comp").read_text().splitlines())
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        LIST.replace("rev", "fwd"),  # one direction
+        LIST.replace("100;rev", "90;rev"),  # other places on the way back
+        LIST.replace("direction", "feed_mm_min").replace("fwd", "100").replace("rev", "200"),
+    ],
+)
+def test_other_tables_are_not_lists_of_targets(tmp_path, text):
+    path = tmp_path / "axis.csv"
+    path.write_text(text)
+
+    assert not any("metrosep table" in f.fix for f in check_file(path))

@@ -241,9 +241,7 @@ def test_places_that_no_turn_decides_are_not_measured_and_counted():
     found = virtual_cut(program, RoundNose(R), [0.5e-3, 1.99e-3, 2.5e-3, 3.3e-3], form=TORUS)
     assert np.isnan(found.z).tolist() == [True, True, False, True]
     assert found.messages[0].startswith("3 of 4 places have no height")
-    with pytest.raises(
-        DataError, match="cuts none of these places: it runs from X = 3 mm to 2 mm"
-    ):
+    with pytest.raises(DataError, match="cuts none of these places: it runs from X = 3 to 2 mm"):
         virtual_cut(program, RoundNose(R), 20e-3)
     with pytest.raises(DataError, match="must be a TurningProgram"):
         virtual_cut("part.nc", RoundNose(R), 1e-3)

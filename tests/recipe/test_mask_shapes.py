@@ -155,7 +155,7 @@ def test_a_region_that_is_none_is_refused_before_anything_is_read(aperture, matc
 def test_a_polygon_beside_the_map_leaves_nothing_and_says_where_the_data_are():
     far = ["1 mm, 1 mm", "2 mm, 1 mm", "2 mm, 2 mm"]
     with pytest.raises(
-        TooFewSamplesError, match=r"polygon of 3 points leaves nothing.*0 m to 598 um in x"
+        TooFewSamplesError, match=r"polygon of 3 points leaves nothing.*0 to 598 um in x"
     ):
         masked(flat(), {"shape": "polygon", "points": far})
 

@@ -9,6 +9,32 @@ import { frame, ink } from "./plots.js";
 
 /** @typedef {import("./wire.js").Model} Model */
 
+/**
+ * Draw the mean circle, those of the largest deviations, and return where a deviation at an angle lies.
+ * @param {CanvasRenderingContext2D} context
+ * @param {[number, number]} centre
+ * @param {number} r of the mean circle, px
+ * @param {string} words of the outer circle
+ * @param {number} most deviation of the outer circle
+ * @param {string} zero words where the angle is zero
+ */
+export function ringed(context, [cx, cy], r, words, most, zero) {
+  context.font = "12px system-ui, sans-serif";
+  for (const part of [-1, 0, 1]) {
+    context.strokeStyle = ink(part ? "--grid" : "--faint");
+    context.beginPath();
+    context.arc(cx, cy, r * (1 + 0.5 * part), 0, 2 * Math.PI);
+    context.stroke();
+  }
+  context.fillStyle = ink("--soft");
+  context.fillText(words, cx + 4, cy - 1.5 * r - 3);
+  context.fillText(zero, cx + 1.5 * r + 5, cy + 4);
+  return (/** @type {number} */ angle, /** @type {number} */ dz) => {
+    const d = r * (1 + (0.5 * dz) / most);
+    return /** @type {[number, number]} */ ([cx + d * Math.cos(angle), cy - d * Math.sin(angle)]);
+  };
+}
+
 /** @param {{ model: Model, el: HTMLElement }} given */
 function render({ model, el }) {
   const [read, words] = frame(el);
@@ -40,20 +66,7 @@ function render({ model, el }) {
       return { ...one, mean, pv: Math.max(...ends) - Math.min(...ends), most: Math.max(...ends.map((/** @type {number} */ v) => Math.abs(v - mean))) };
     });
     const most = Math.max(...about.map((one) => one.most)) || 1;
-    const at = (/** @type {number} */ angle, /** @type {number} */ dz) => {
-      const d = r * (1 + (0.5 * dz) / most);
-      return /** @type {[number, number]} */ ([cx + d * Math.cos(angle), cy - d * Math.sin(angle)]);
-    };
-    context.font = "12px system-ui, sans-serif";
-    for (const part of [-1, 0, 1]) {
-      context.strokeStyle = ink(part ? "--grid" : "--faint");
-      context.beginPath();
-      context.arc(cx, cy, r * (1 + 0.5 * part), 0, 2 * Math.PI);
-      context.stroke();
-    }
-    context.fillStyle = ink("--soft");
-    context.fillText(`+${si(most)}`, cx + 4, cy - 1.5 * r - 3);
-    context.fillText("+x 0°", cx + 1.5 * r + 5, cy + 4);
+    const at = ringed(context, [cx, cy], r, `+${si(most)}`, most, "+x 0°");
     for (const one of about) {
       context.strokeStyle = ink(`--curve-${one.index % 8}`);
       context.lineWidth = 1.5;

@@ -3,13 +3,13 @@
 
 import { painted } from "./colours.js";
 import { plain, scaleFor, si, ticks } from "./format.js";
+import { DASHES, roundOf } from "./machine_round.js";
 import { Refusal, Superseded } from "./wire.js";
 
 /** @typedef {Record<string, any>} Dict */
 
 const [WIDTH, HEIGHT] = [760, 210];
 const FRAME = { left: 74, right: 12, top: 8, bottom: 38 };
-const DASHES = ["", "7 4", "2 3", "10 3 2 3", "14 4", "5 2 1 2"];
 
 function make_(/** @type {string} */ tag, /** @type {Dict} */ properties = {}, /** @type {(Node | string)[]} */ ...children) {
   const made = /** @type {any} */ (Object.assign(document.createElement(tag), properties));
@@ -108,6 +108,24 @@ function panelOf(panel, chart) {
   return [make_("div", { className: "machine-head" }, make_("b", { textContent: panel.title }), legend, readout), svg];
 }
 
+/** Return the motion of a spindle in polar form: revolutions thin, the synchronous motion over them. @param {Dict} chart */
+function spindleOf(chart) {
+  const { angle, unit, synchronous } = chart;
+  const [low, high, ...turns] = chart.motion;
+  const curves = [...turns.map((/** @type {number[]} */ z) => ({ angle, z, thin: true })), { angle, z: synchronous }];
+  const values = Object.entries(chart.values).map(([name, value]) => `${name} ${si(/** @type {number} */ (value), unit)}`).join(", ");
+  return [make_("div", { className: "machine-head" }, make_("b", { textContent: chart.direction }), make_("span", { className: "machine-readout", textContent: values })),
+    roundOf(curves, unit, chart.title, { band: [{ angle, z: low }, { angle, z: high }], circles: [Math.min(...synchronous), Math.max(...synchronous)] })];
+}
+
+/** Return curves over an angle: the first panel about a circle too, where it is a whole turn. @param {Dict} chart */
+function curvesOf(chart) {
+  const panels = chart.panels.flatMap((/** @type {Dict} */ panel) => panelOf(panel, chart));
+  if (!chart.closed) return panels;
+  const [{ title, unit, curves }] = chart.panels;
+  return [roundOf(curves.map((/** @type {Dict} */ c) => ({ angle: c.x, z: c.y })), unit, title), ...panels];
+}
+
 /** Return values with their uncertainty as bars. @param {Dict} chart */
 function barsOf(chart) {
   const [name] = Object.keys(chart.series);
@@ -125,6 +143,13 @@ function barsOf(chart) {
       make_("td", { className: "number soft", textContent: us[i] === undefined ? "" : `u ${si(us[i], chart.unit, 2)}` })));
   });
   return [make_("table", { className: "machine-table" }, body)];
+}
+
+/** Return the harmonics that were kept as bars: those that were removed would dwarf them. @param {Dict} chart */
+function harmonicsOf({ k, amplitude, u, unit, suppressed }) {
+  const kept = k.map((/** @type {number} */ order, /** @type {number} */ i) => ({ order, i })).filter((/** @type {Dict} */ one) => !suppressed.includes(one.order));
+  const of = (/** @type {number[] | null} */ values) => (values ? kept.map((/** @type {Dict} */ one) => values[one.i]) : []);
+  return barsOf({ labels: kept.map((/** @type {Dict} */ one) => String(one.order)), series: { amplitude: of(amplitude) }, u: { amplitude: of(u) }, unit });
 }
 
 /** Return maps as pictures with their scale. @param {Dict} chart */
@@ -164,13 +189,15 @@ function mapsOf(chart) {
 }
 
 const DRAWN = /** @type {Record<string, (chart: Dict) => Node[]>} */ ({
-  curves: (chart) => chart.panels.flatMap((/** @type {Dict} */ panel) => panelOf(panel, chart)),
+  curves: curvesOf,
+  polar: spindleOf,
+  harmonics: harmonicsOf,
   bars: barsOf,
   maps: mapsOf,
 });
 
 /** @param {import("./tabs.js").Context} context @returns {import("./tabs.js").Tab} */
-export function make({ el, wire, session, fail }) {
+export function make({ el, wire, session, schema, edit, fail }) {
   let of = "";
   const state = make_("p", { className: "soft ranking-state" });
   state.setAttribute("role", "status");
@@ -217,13 +244,24 @@ export function make({ el, wire, session, fail }) {
     return [make_("h2", { textContent: title }), make_("ul", { className: name }, ...texts.map((textContent) => make_("li", { textContent })))];
   }
 
+  /** The centre of the motion of a spindle, chosen beside its picture: an edit of the step. */
+  function centres() {
+    const { op, keys } = session().steps[0];
+    const known = schema().find((one) => one.op === op)?.keys.find((/** @type {Dict} */ one) => one.name === "center");
+    if (!known) return [];
+    const select = make_("select", {}, ...known.choices.map((/** @type {string} */ value) => make_("option", { value, textContent: value })));
+    select.value = keys.center ?? known.choices[0];
+    select.addEventListener("change", () => edit([{ path: ["step", 0, "center"], old: session().steps[0].keys.center ?? null, new: select.value }], `centre ${select.value}`));
+    return [make_("label", { className: "machine-centre", title: known.help ?? "" }, "centre ", select)];
+  }
+
   function draw(/** @type {Dict} */ found) {
     const pictures = [...found.charts].sort((a, b) => Number(b.kind === "maps") - Number(a.kind === "maps"));
     scroll.replaceChildren(
       ...(found.rows.length ? [make_("h2", { textContent: "Terms, actual minus nominal" }), termsOf(found.rows)] : []),
       ...listOf("What the readings do not determine", found.null, "machine-null"),
       ...pictures.flatMap((/** @type {Dict} */ chart) => [make_("h2", { textContent: chart.title }),
-        ...(DRAWN[chart.kind]?.(chart) ?? []), ...(chart.caption ? [make_("p", { className: "soft machine-caption", textContent: chart.caption })] : [])]),
+        ...(chart.kind === "polar" && ["radial", "tilt"].includes(chart.direction) ? centres() : []), ...(DRAWN[chart.kind]?.(chart) ?? []), ...(chart.caption ? [make_("p", { className: "soft machine-caption", textContent: chart.caption })] : [])]),
       ...listOf("Messages", found.messages, "machine-messages"),
     );
   }

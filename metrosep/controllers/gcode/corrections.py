@@ -14,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol, cast
 
 import numpy as np
@@ -60,6 +60,8 @@ class PathCorrection:
         As `z`, but beyond the map the value at its edge; None where that is not known.
     audit : mapping
         Origin: kind, hash, sign convention, sense and zero of C; goes into the sidecar.
+    reach : str
+        How far what was measured reaches from the spindle axis, for messages; empty if unknown.
     """
 
     z: Lookup
@@ -68,6 +70,7 @@ class PathCorrection:
     pitch: float | None = None
     held: Lookup | None = None
     audit: Mapping[str, Any] = field(default_factory=dict)
+    reach: str = ""
 
 
 class _Area(Protocol):
@@ -158,8 +161,37 @@ def error_correction(
     if slope is None:
         held = None if made[1] is None else _negated(made[1])
         z = _negated(made[0])
-        return PathCorrection(z, needs_c=around, pitch=pitch, held=held, audit=audit)
-    return nose_correction(made[0], slope, move_x=move_x, needs_c=around, pitch=pitch, audit=audit)
+        correction = PathCorrection(z, needs_c=around, pitch=pitch, held=held, audit=audit)
+    else:
+        correction = nose_correction(
+            made[0], slope, move_x=move_x, needs_c=around, pitch=pitch, audit=audit
+        )
+    return replace(correction, reach=_reach(error, middle))
+
+
+def _reach(error: object, middle: tuple[float, float]) -> str:
+    """Return how far the measured area of a map reaches from the spindle axis, as a clause."""
+    if not isinstance(error, Surface):
+        return ""
+    measured = np.isfinite(error.z)
+    ends = [
+        [1e3 * (step * k + start - at) for k in np.flatnonzero(measured.any(axis=axis))[[0, -1]]]
+        for axis, step, start, at in zip(
+            (0, 1),
+            cast("tuple[float, float]", (error.dx, error.dy)),
+            error.origin,
+            middle,
+            strict=True,
+        )
+    ]
+    (x0, x1), (y0, y1) = ends
+    text = (
+        f"it was measured from {x0:.5g} to {x1:.5g} mm in x and {y0:.5g} to {y1:.5g} mm in y of the "
+        "spindle axis"
+    )
+    if any(abs(low + high) > (high - low) / 2 for low, high in ends):
+        text += "; if the axis is in the middle of the map, say centre='middle'"
+    return text
 
 
 def _centre(error: object, centre: tuple[float, float] | Literal["middle"]) -> tuple[float, float]:

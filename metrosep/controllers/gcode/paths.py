@@ -39,7 +39,7 @@ from metrosep.controllers.gcode.rewrite import Rewriter
 from metrosep.controllers.gcode.state import INCH, MM, ModalState, checked_system
 from metrosep.core import numbers
 from metrosep.core.errors import DataError, MetrosepError, UnitError
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 
 __all__ = ["PathResult", "rewrite_path"]
 
@@ -117,8 +117,8 @@ class PathResult:
     def __repr__(self) -> str:
         return (
             f"PathResult({self.n_blocks} blocks, {self.n_changed} changed, {self.n_inserted} words "
-            f"inserted, {self.n_added} blocks added, correction {format_length(self.correction[0])} ... "
-            f"{format_length(self.correction[1])}, last digit {format_length(self.quantisation)})"
+            f"inserted, {self.n_added} blocks added, correction {format_ends(self.correction[0], self.correction[1])}"
+            f", last digit {format_length(self.quantisation)})"
         )
 
 

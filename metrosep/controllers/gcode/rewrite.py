@@ -274,14 +274,17 @@ class Rewriter:
         line = self._line_of(columns, known, i)
         if self.settings.outside == "refuse":
             raise InvalidSamplesError(
-                f"line {line}: {_place(places, i)} is beyond the map; measure a larger area, or say "
-                "outside='zero' (no correction there) or outside='hold' (the value at the edge)"
+                f"line {line}: {_place(places, i)} is beyond the map{self._reach()}; measure a larger "
+                "area, or say outside='zero' (no correction there) or outside='hold' (the value at the edge)"
             )
         self.tally.outside += int(outside.sum()) if is_z else 0
         if self.settings.outside == "hold" and is_z and self.correction.held is not None:
             found[outside] = self.correction.held(places[0][outside], places[1][outside])
         else:
             found[outside] = 0.0
+
+    def _reach(self) -> str:
+        return f" ({self.correction.reach})" if self.correction.reach else ""
 
     @staticmethod
     def _line_of(columns: Columns, known: BoolArray, i: int) -> int:

@@ -28,10 +28,10 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, likely_meaning, parse_unit
-from metrosep.io._roles import is_read_too, role_of, runs_in
+from metrosep.io._roles import is_read_too, role_of, runs_in, targets_in
 from metrosep.io.objects import SI_NAMES, make_surface, scaled, to_grid
 from metrosep.io.own_notes import header_notes
-from metrosep.io.several_runs import BLOCKS, FoundRuns, SeveralRunsError
+from metrosep.io.several_runs import BLOCKS, FoundRuns, SeveralRunsError, table_advice
 from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
 from metrosep.io.text.dialect import header_unit, is_other_unit
 from metrosep.io.text.matrices import (
@@ -712,6 +712,10 @@ def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
     found = runs_in(table)
     if found is not None:
         return SeveralRunsError(file.path, found)
+    if targets := targets_in(table):
+        return FormatMismatchError(
+            f"{file.path}: holds a list of targets; {table_advice(file.path, targets)}"
+        )
     if n == 3 and {c.name.casefold() for c in table.numbers} == {"x", "y", "z"}:
         return FormatMismatchError(
             f"{file.path}: columns x, y and z declare no unit; for a map give one for each, such as "

@@ -17,7 +17,7 @@ from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 from metrosep.core.surface import Surface
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 from metrosep.forms.base import Form
 from metrosep.forms.points import points_of
 from metrosep.process._plain import Frozen
@@ -409,7 +409,7 @@ def drawn_points(
         part = f"a gap of {math.degrees(gap):.3g} degrees" if inside.size else "no point"
         raise DataError(
             f"the map has {part} in the ring that the program cuts about the axis, x = {a}, y = {b}, from "
-            f"{format_length(low)} to {format_length(high)}: give the place of the spindle axis on the map, "
+            f"{format_ends(low, high, between=' to ')}: give the place of the spindle axis on the map, "
             "centre, or measure all round; a list of points that was cut short leaves such a ring too"
             if math.isfinite(high)
             else f"the map has {part} about the axis, x = {a}, y = {b}: give the place of the spindle axis "

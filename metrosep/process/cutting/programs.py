@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends
 from metrosep.process._plain import Frozen, finite_positions
 from metrosep.process.interpolation import FEWEST_KNOTS, Interpolation, knot_slopes
 from metrosep.process.nose import Sense
@@ -149,7 +149,7 @@ class TurningProgram(Frozen):
     def __repr__(self) -> str:
         return (
             f"TurningProgram({len(self)} points of {self.quantity}, {self.interpolation}, X "
-            f"{format_length(float(self.X[0]))} to {format_length(float(self.X[-1]))}, {self.sense})"
+            f"{format_ends(float(self.X[0]), float(self.X[-1]), between=' to ')}, {self.sense})"
         )
 
     @property

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 from metrosep.forms.base import Form
 from metrosep.process._plain import Frozen
 from metrosep.process._setting_equations import known_form
@@ -180,7 +180,7 @@ def part_of(
     if lost == z.size:
         raise DataError(
             "the program cuts none of these places: it runs from X = "
-            f"{format_length(float(program.X[0]))} to {format_length(float(program.X[-1]))}"
+            f"{format_ends(float(program.X[0]), float(program.X[-1]), between=' to ')}"
         )
     if lost:
         said.append(

@@ -303,7 +303,7 @@ def circle_of(produced: Any, inputs: Any = None) -> Description:
             panel("what the model leaves", "m", rest),
         ],
         caption="Readings within 1 degree of a reversal are not in the fit.",
-    )
+    ) | {"closed": True}
     columns: dict[str, Any] = {"angle_deg": np.degrees(place)}
     for sense in test.measured:
         columns[f"{sense}_um"] = np.asarray(test.measured[sense])[order] * 1e6

@@ -23,7 +23,7 @@ from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends
 from metrosep.separation._methods import History, Parts, RecordedMethod, described_by
 from metrosep.separation._readings import (
     Averaged,
@@ -427,8 +427,8 @@ def _common_positions(first: ErrorEstimate, second: ErrorEstimate) -> FloatArray
     if not stop > start:
         raise NotSeparableError(
             "straightedge_reversal: the estimates have no position in common, they cover "
-            f"{format_length(first.start)} ... {format_length(first.stop)} and "
-            f"{format_length(second.start)} ... {format_length(second.stop)}; both must be given "
+            f"{format_ends(first.start, first.stop)} and "
+            f"{format_ends(second.start, second.stop)}; both must be given "
             "over the positions of the edge"
         )
     return np.linspace(start, stop, _POINTS)

@@ -24,6 +24,7 @@ from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.readable import typed_number
+from metrosep.core.runset import FORWARD, REVERSE
 from metrosep.separation._methods import History, Parts, RecordedMethod, pooled
 from metrosep.separation._readings import (
     checked_readings,
@@ -231,12 +232,6 @@ def positions_from_profiles(
     return targets, both[0], both[1]
 
 
-_FORWARD = frozenset({"fwd", "forward", "f", "up", "+", "+1", "1", "1.0", "positive"})
-_BACKWARD = frozenset(
-    {"bwd", "backward", "reverse", "b", "r", "down", "-", "-1", "-1.0", "negative"}
-)
-
-
 def positions_from_columns(
     target: ArrayLike,
     direction: Sequence[Any] | NDArray[Any],
@@ -292,7 +287,7 @@ def positions_from_columns(
     rows = frozen_float(target, name="target", ndim=1)
     values = frozen_float(readings, name="readings", ndim=2)
     try:
-        words = [str(d).strip().lower() for d in direction]
+        words = [str(d).strip().casefold() for d in direction]
     except TypeError:
         raise InvalidSamplesError(
             f"direction must be words 'fwd' or 'bwd', one for each row, got {direction!r}"
@@ -302,15 +297,15 @@ def positions_from_columns(
             f"rows must be equally many: target has {rows.size}, direction {len(words)}, readings "
             f"{values.shape[0]}"
         )
-    unknown = sorted(set(words) - _FORWARD - _BACKWARD)
+    unknown = sorted(set(words) - FORWARD - REVERSE)
     if unknown:
-        raise InvalidSamplesError(f"direction {unknown[0]!r} is not known; write 'fwd' or 'bwd'")
+        raise InvalidSamplesError(f"direction {unknown[0]!r} is not known; write 'fwd' or 'rev'")
     if np.isnan(rows).any():
         raise InvalidSamplesError("a target is NaN; a target is a command and must be known")
     goals = np.unique(rows)
     goals = goals[np.append(True, np.diff(goals) > _SAME_TARGET * float(np.ptp(goals)))]
     ways: list[FloatArray | None] = []
-    for names in (_FORWARD, _BACKWARD):
+    for names in (FORWARD, REVERSE):
         mine = np.array([w in names for w in words])
         if not mine.any():
             ways.append(None)

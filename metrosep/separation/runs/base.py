@@ -21,7 +21,7 @@ from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping, history_as_dicts
 from metrosep.core.public import PublicObject, shortened
 from metrosep.core.quantity import Quantity
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 from metrosep.separation.covariance import CovarianceModes
 from metrosep.spectral.dft import fourier_sum
 
@@ -504,8 +504,8 @@ class ErrorEstimate(PublicObject):
         known = sd[~np.isnan(sd)]
         band = format_length(float(known.mean()), digits=2) if known.size else "not known"
         return shortened(
-            f"ErrorEstimate({self.method}, {format_length(self.start)} ... "
-            f"{format_length(self.stop)}, {ways}, P-V {self.peak_to_valley()}, mean sd {band})"
+            f"ErrorEstimate({self.method}, {format_ends(self.start, self.stop)}"
+            f", {ways}, P-V {self.peak_to_valley()}, mean sd {band})"
         )
 
     def _repr_html_(self) -> str:

@@ -25,7 +25,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.runset import Run, RunSet
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends
 from metrosep.separation._readings import joint_coefficients, not_tied
 from metrosep.separation.runs.clock import fit_clock
 
@@ -148,9 +148,9 @@ def evaluation_range(
         uneven = max(low - widest_low, widest_high - high)
         if uneven > _TRAVEL_RTOL * travel:
             raise InvalidSamplesError(
-                f"the runs have different travels: all of them cover {format_length(low)} ... "
-                f"{format_length(high)}, some reach {format_length(widest_low)} ... "
-                f"{format_length(widest_high)}, {_odd_ends(runs)}; state start and length inside the "
+                f"the runs have different travels: all of them cover {format_ends(low, high)}"
+                f", some reach {format_ends(widest_low, widest_high)}"
+                f", {_odd_ends(runs)}; state start and length inside the "
                 "common part, or leave out the run that differs"
             )
         return low, high
@@ -168,14 +168,14 @@ def evaluation_range(
         low, high, what = widest_low, widest_high, "by the runs: they reach"
     if first < low - margin or last > high + margin or last <= first:
         raise InvalidSamplesError(
-            f"the evaluation range {format_length(first)} ... {format_length(last)} is not covered "
-            f"{what} {format_length(low)} ... {format_length(high)}; shorten it or measure further"
+            f"the evaluation range {format_ends(first, last)} is not covered "
+            f"{what} {format_ends(low, high)}; shorten it or measure further"
         )
     thin = [] if every else thin_parts(runs, first + margin, last - margin)
     if hole := next((part for part in thin if part[2] == 0), None):
         raise InvalidSamplesError(
-            f"no run covers {format_length(hole[0])} ... {format_length(hole[1])} of the evaluation "
-            f"range {format_length(first)} ... {format_length(last)}; shorten it or measure there"
+            f"no run covers {format_ends(hole[0], hole[1])} of the evaluation "
+            f"range {format_ends(first, last)}; shorten it or measure there"
         )
     return max(first, low), min(last, high)
 
@@ -321,7 +321,7 @@ def _odd_ends(runs: RunSet) -> str:
     ends = np.array([sorted((float(r.x[0]), float(r.x[-1]))) for r in runs])
     far = int(np.argmax(np.abs(ends - np.median(ends, axis=0)).max(axis=1)))
     name = runs[far].run_id or str(far + 1)
-    return f"run {name} {format_length(ends[far, 0])} ... {format_length(ends[far, 1])}"
+    return f"run {name} {format_ends(ends[far, 0], ends[far, 1])}"
 
 
 def probe_names(runs: RunSet, probes: Sequence[str] | None) -> list[str]:

@@ -27,7 +27,7 @@ from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import SAME_FEED, RunSet
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 from metrosep.separation.covariance import CovarianceModes
 from metrosep.separation.runs.base import (
     LINE_POINTS,
@@ -238,8 +238,8 @@ def _lengths(
     flat_low, flat_high = origin + taper_fraction * l_x, origin + (1.0 - taper_fraction) * l_x
     if first < flat_low - margin or last > flat_high + margin:
         message = (
-            f"the evaluation range {format_length(first)} ... {format_length(last)} leaves the flat "
-            f"part of the window ({format_length(flat_low)} ... {format_length(flat_high)}): the "
+            f"the evaluation range {format_ends(first, last)} leaves the flat "
+            f"part of the window ({format_ends(flat_low, flat_high)}): the "
             f"model decays to zero in the ends; the length of the modelling must be at least "
             f"{format_length((last - first) / flat)} around the range, it is {format_length(l_x)}"
         )

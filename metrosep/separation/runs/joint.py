@@ -33,7 +33,7 @@ from metrosep.core.errors import (
 from metrosep.core.numbers import real
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
-from metrosep.core.units import format_length
+from metrosep.core.units import format_ends, format_length
 from metrosep.separation._readings import checked_count
 from metrosep.separation.covariance import CovarianceModes
 from metrosep.separation.runs._unknowns import (
@@ -461,9 +461,9 @@ def _thin(runs: RunSet, first: float, last: float) -> list[str]:
     if not parts:
         return []
     fewest = min(parts, key=lambda part: part[2])
-    where = f"{format_length(fewest[0])} ... {format_length(fewest[1])}"
+    where = f"{format_ends(fewest[0], fewest[1])}"
     text = (
-        f"not all runs reach {format_length(parts[0][0])} ... {format_length(parts[-1][1])}"
+        f"not all runs reach {format_ends(parts[0][0], parts[-1][1])}"
         if len(parts) == 1
         else "not all runs reach the whole evaluation range"
     )

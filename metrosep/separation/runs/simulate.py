@@ -137,7 +137,7 @@ def machine_axis(
     Examples
     --------
     >>> machine_axis(seed=7).runs
-    RunSet(9 runs, feeds 4800, 7200, 9600 mm/min, forward, common travel -5.625 mm ... 50.53 mm)
+    RunSet(9 runs, feeds 4800, 7200, 9600 mm/min, forward, common travel -5.625 ... 50.53 mm)
     """
     if disturbance not in ("none", "sine", "locked", "modal", "floor"):
         raise DataError(f"unknown disturbance {disturbance!r}")
