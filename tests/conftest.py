@@ -98,7 +98,7 @@ def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     from metrosep.plot import style
 
     for module in (metrosep.plot, style):
-        monkeypatch.setattr(module, "figure_svg", lambda draw, document: "<svg/>")
+        monkeypatch.setattr(module, "figure_svg", lambda draw, document, **_: "<svg/>")
 
 
 _MEASURED = pytest.StashKey[list[str]]()
