@@ -43,6 +43,9 @@ directions this far apart."""
 _RIVAL = 0.9
 """Second maximum over the first above which no direction dominates."""
 
+_RAY_STEP = 0.5
+"""Pixels between the places where a line from lag zero is compared with the threshold."""
+
 _MIN_PAIRS = 0.1
 """Fewest pairs at a lag as a share of the valid pixels; half lags of a complete map have 0.25."""
 
@@ -177,11 +180,11 @@ def central_lobe(acf: Autocorrelation, *, threshold: float = 0.2) -> CentralLobe
     """Return how far the central lobe of an autocorrelation reaches, shortest and longest.
 
     A lag belongs to the lobe if the straight line from lag zero to it stays at or above the
-    threshold. The end of the lobe is looked for on every grid line between two lags, one inside
-    and one below the threshold, so each direction that the grid can tell apart is tried; the two
-    ends that count are then found with a cubic interpolation along their direction. If the lobe
-    reaches the edge of the lags, its shortest distance is given only where it is shorter than any
-    lag of that edge; the longest is never given.
+    threshold. Its nearest end is looked for on every grid line between two lags, one inside and one
+    below the threshold, its farthest on straight lines from lag zero; the two are then found with a
+    cubic interpolation along their direction. If the lobe reaches the edge of the lags, its
+    shortest distance is given only where it is shorter than any lag of that edge, and the longest
+    not where that edge is in sight of lag zero.
 
     Source: ISO 25178-2:2021, 4.3.2 (Sal) and 4.3.3 (Str); threshold 0.2 from ISO 25178-3 (clause
        numbers recalled, not checked).
@@ -193,7 +196,7 @@ def central_lobe(acf: Autocorrelation, *, threshold: float = 0.2) -> CentralLobe
             f"the threshold of the autocorrelation is between 0 and 1, got {threshold}"
         )
     values = np.nan_to_num(acf.values, nan=-1.0)
-    labels, _ = ndimage.label(values >= threshold)
+    labels, _ = ndimage.label(values >= threshold, structure=np.ones((3, 3), dtype=bool))
     lobe = labels == labels[0, acf.m_x]
     edge = _distance_of_open_edge(acf, lobe)
     ends = _ends(acf, values, lobe, threshold)
@@ -205,9 +208,9 @@ def central_lobe(acf: Autocorrelation, *, threshold: float = 0.2) -> CentralLobe
             "the map is too small for its texture, or form or waviness was not removed"
         )
     shortest, towards = _polished(acf, values, ends[order[0]], threshold, sign=1.0)
-    if math.isfinite(edge):
+    end = _farthest_in_sight(acf, lobe, threshold)
+    if end is None:
         return CentralLobe(shortest, None, towards, None)
-    end = _farthest_in_sight(values, ends[order[::-1]], acf.m_x, threshold)
     longest, along = _polished(acf, values, end, threshold, sign=-1.0)
     return CentralLobe(shortest, max(longest, shortest), towards, along)
 
@@ -243,19 +246,41 @@ def _ends(
 
 
 def _farthest_in_sight(
-    values: FloatArray, ends: FloatArray, m_x: int, threshold: float
-) -> FloatArray:
-    """Return the first of the ends that lag zero sees along a straight line inside the lobe."""
+    acf: Autocorrelation, lobe: NDArray[np.bool_], threshold: float
+) -> FloatArray | None:
+    """Return the farthest end of the lobe that lag zero sees, x and y in pixels; None if not known.
+
+    Straight lines from lag zero, half a pixel apart at the farthest lag of the lobe, each up to where
+    the bilinear autocorrelation falls below the threshold. It is not known where one of them is still
+    above it at the last lag.
+    """
     from scipy import ndimage
 
-    for end in ends:
-        length = math.hypot(float(end[0]), float(end[1]))
-        t = np.arange(0.0, length - 1.0, 0.5) / max(length, 1.0)
-        line = ndimage.map_coordinates(values, [end[1] * t, m_x + end[0] * t], order=1)
-        if (line >= threshold).all():
-            found: FloatArray = end
-            return found
-    return np.asarray(ends[-1])
+    rows, columns = np.nonzero(lobe)
+    reach = float(np.hypot(columns - acf.m_x, rows).max()) + 2.0
+    angles = np.linspace(0.0, math.pi, math.ceil(2.0 * math.pi * reach), endpoint=False)
+    directions = np.stack([np.sin(angles), np.cos(angles)])
+    before = np.ones(angles.size)
+    best, end = 0.0, np.zeros(2)
+    for r in np.arange(_RAY_STEP, reach + 2.0, _RAY_STEP):
+        y, x = r * directions
+        value = ndimage.map_coordinates(
+            acf.values, [y, acf.m_x + x], order=1, mode="constant", cval=np.nan
+        )
+        if np.isnan(value).any():
+            return None
+        falls = value < threshold
+        if falls.any():
+            share = (before[falls] - threshold) / (before[falls] - value[falls])
+            ends = (r - _RAY_STEP * (1.0 - share)) * directions[:, falls]
+            distances = np.hypot(ends[0] * acf.dy, ends[1] * acf.dx)
+            k = int(np.argmax(distances))
+            if distances[k] > best:
+                best, end = float(distances[k]), ends[::-1, k]
+        directions, before = directions[:, ~falls], value[~falls]
+        if not before.size:
+            break
+    return end
 
 
 def _polished(

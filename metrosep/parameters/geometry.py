@@ -503,9 +503,10 @@ def surface_profile(
     form : Form
         Nominal, all of its parameters given.
     datum : bool, optional
-        True: as the points lie in their frame. False: after the minimax fit of six freedoms.
+        True: as the points lie in their frame. False: after the minimax fit of six freedoms; of a
+        line three, those in its plane.
     what : {"surface", "line"}, optional
-        For the words.
+        A line has all its points in one plane y = const and does not leave it.
 
     Returns
     -------
@@ -531,9 +532,11 @@ def surface_profile(
     if missing:
         raise DataError(f"a nominal form has all parameters; {', '.join(missing)} is not given")
     if not datum:
+        # A line stays in its plane: beside the vertex of a sphere it would be one of smaller radius.
+        may_move = np.array([1.0, 0.0, 1.0, 0.0, 1.0, 0.0]) if what == "line" else np.ones(6)
 
         def propose(at: FloatArray) -> tuple[FloatArray, float, IntArray]:
-            J, d = _rigid_columns(form, at), _normal_distances(form, at)
+            J, d = _rigid_columns(form, at) * may_move, _normal_distances(form, at)
             _, size, directions = np.linalg.svd(J, full_matrices=False)
             felt = directions[size > _FELT * size[0]].T  # a sphere feels no turn
             step, holding = _zone(J @ felt, d, np.zeros(felt.shape[1]))
@@ -545,7 +548,8 @@ def surface_profile(
     d = _normal_distances(form, p)
     largest = float(np.abs(d).max())
     held = _given(points, np.flatnonzero(np.abs(d) >= largest * (1.0 - 1e-9)))
-    how = "as the datum has it" if datum else "minimax fit of six freedoms"
+    freedoms = "three freedoms in its plane" if what == "line" else "six freedoms"
+    how = "as the datum has it" if datum else f"minimax fit of {freedoms}"
     return GeometricDeviation(
         2.0 * largest,
         "t",
@@ -580,9 +584,15 @@ def _size(p: FloatArray) -> float:
 
 
 def _placed(p: FloatArray, step: FloatArray) -> FloatArray:
+    """Return the points after a shift and a turn about their middle; a body is not stretched (Rodrigues)."""
     middle = p.mean(axis=0)
-    q = p - middle
-    return np.asarray(middle + q + step[:3] + np.cross(step[3:] / _size(p), q))
+    q, turn = p - middle, step[3:] / _size(p)
+    angle = float(np.linalg.norm(turn))
+    if angle > 0.0:
+        n = turn / angle
+        across = np.cross(n, q)
+        q = q + np.sin(angle) * across + 2.0 * np.sin(0.5 * angle) ** 2 * np.cross(n, across)
+    return np.asarray(middle + q + step[:3])
 
 
 # ---- orientation, location and run-out ---------------------------------------------------------------

@@ -344,8 +344,9 @@ def _prominences(
     Hills count from 1. A hill that is pruned goes to the one across its saddle, with all that it took
     before: what joined it stands still less above its own saddle.
     """
-    a, b = np.divmod(key, tops.size)  # the hills that touch; later those that stand for them
-    prominence = np.full(tops.size, math.inf)
+    n = tops.size
+    a, b = np.divmod(key, n)  # the hills that touch; later those that stand for them
+    prominence, name = np.full(n, math.inf), np.arange(n)
     pruned: list[IntArray] = []
     while saddle.size:
         # Across its own highest saddle a hill ends if what it meets there is higher: nothing joined
@@ -365,8 +366,9 @@ def _prominences(
         into = other[joined]
         ends = (tops[joined] < tops[into]) | ((tops[joined] == tops[into]) & (joined > into))
         joined, into = joined[ends], into[ends]
-        prominence[joined] = tops[joined] - highest[joined]
-        low = (prominence[joined] < threshold) | (prominence[joined] <= 0.0)
+        height = tops[joined] - highest[joined]
+        prominence[name[joined]] = height
+        low = (height < threshold) | (height <= 0.0)
         pruned.append(own[joined[low]])
         stands = np.arange(tops.size)
         stands[joined] = into
@@ -375,8 +377,12 @@ def _prominences(
         a, b = stands[a], stands[b]
         left = a != b
         a, b, saddle, key = a[left], b[left], saddle[left], key[left]
+        still = np.zeros(tops.size, dtype=bool)  # hills are counted anew: few of them are left
+        still[a] = still[b] = True
+        number = np.cumsum(still) - 1
+        a, b, tops, name = number[a], number[b], tops[still], name[still]
     pairs = np.concatenate(pruned) if pruned else np.empty(0, dtype=np.intp)
-    return prominence, _joined(*np.divmod(pairs, tops.size), tops.size)
+    return prominence, _joined(*np.divmod(pairs, n), n)
 
 
 def _joined(a: IntArray, b: IntArray, n: int) -> NDArray[np.int32]:
@@ -504,22 +510,21 @@ def mean_peak_curvature(
     n_y, n_x = heights.shape
     y, x = peaks.rows, peaks.columns
     inside = (y >= reach) & (y < n_y - reach) & (x >= reach) & (x < n_x - reach)
-    around = _around(heights, y[inside], x[inside], reach)
-    around = around[~np.isnan(around).any(axis=1)]
-    if around.size == 0:
+    # On a square window t^2 less its mean is at right angles to all other terms of the quadratic.
+    t = np.arange(-reach, reach + 1)
+    square = t * t - np.mean(t * t)
+    bend = 2.0 * square / (square @ square * t.size)
+    flat, at = heights.reshape(-1), y[inside] * n_x + x[inside]
+    top, both = flat[at], np.zeros(at.size)
+    for i, j in itertools.product(range(t.size), repeat=2):
+        both += (flat[at + (t[i] * n_x + t[j])] - top) * (bend[j] / dx**2 + bend[i] / dy**2)
+    both = both[~np.isnan(both)]
+    if both.size == 0:
         raise TooFewSamplesError(
             f"each of the {len(peaks)} significant peaks lies on or beside a missing pixel, so no "
             "curvature was measured"
         )
-    # On a square window t^2 less its mean is at right angles to all other terms of the quadratic.
-    t = np.arange(-reach, reach + 1.0)
-    square = t * t - np.mean(t * t)
-    bend = 2.0 * square / (square @ square * t.size)
-    around = around.reshape(-1, t.size, t.size)
-    around = around - around[:, reach : reach + 1, reach : reach + 1]
-    bend_x = np.einsum("pij,j->p", around, bend) / dx**2
-    bend_y = np.einsum("pij,i->p", around, bend) / dy**2
-    return float(np.mean(-0.5 * (bend_x + bend_y)))
+    return float(np.mean(-0.5 * both))
 
 
 def _around(values: NDArray[Any], rows: IntArray, columns: IntArray, reach: int) -> NDArray[Any]:

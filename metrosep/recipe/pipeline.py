@@ -582,6 +582,12 @@ def _form_profile(obj: Measured, options: Mapping[str, Any]) -> Done:
     points = points_of(obj, centre=rest.get("centre"), middle=True)
     parts = [np.stack(block, axis=1) for block in points.valid_blocks()]
     xyz, is_line = np.concatenate(parts), isinstance(obj, Profile)
+    if is_line and getattr(ideal, "angle", None) == 0.0:  # a cylinder is level along its axis
+        raise StepError(
+            "the axis of the cylinder lies along the profile (angle 0), so its nominal is a straight "
+            "line: give angle=90 deg, or take plane",
+            "form",
+        )
     fixed = options.get("datum", "none") == "frame"
     found = surface_profile(xyz, ideal, datum=fixed, what="line" if is_line else "surface")
     u = options.get("u_reading")

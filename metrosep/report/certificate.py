@@ -368,8 +368,12 @@ def coverage_of(
     U, k = expanded_of(entry, row)
     if U is None or k is None:
         return U, k, None
-    own = row.U is None or entry.get("u_source") in ("fit residual", "of the method")
-    return U, k, COVERAGE if own else math.erf(k / math.sqrt(2.0))
+    return U, k, COVERAGE if expanded_here(entry, row) else math.erf(k / math.sqrt(2.0))
+
+
+def expanded_here(entry: Document, row: CharacteristicRow) -> bool:
+    """Return whether U was made by the program, for `COVERAGE`; of a typed U only k is known."""
+    return row.U is None or entry.get("u_source") in ("fit residual", "of the method")
 
 
 def _rows(document: Document, t: Mapping[str, str], language: str) -> list[dict[str, Any]]:

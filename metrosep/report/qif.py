@@ -25,6 +25,7 @@ from metrosep.core.readable import readable_unit
 from metrosep.recipe.report_fields import missing_fields
 from metrosep.report.certificate import (
     coverage_of,
+    expanded_here,
     fields_of,
     method_of,
     standards_of,
@@ -359,8 +360,8 @@ def _measurement(each: _Row, name: str, ids: tuple[str, str, str], devices: Any)
     U, k, p = coverage_of(each.entry, row)
     if U == 0.0:  # simple acceptance: there is no distribution of which k and p could speak
         k = p = None
-    if row.U is not None and each.entry.get("u_source") not in ("fit residual", "of the method"):
-        p = None  # of a U that was typed only k is known
+    if not expanded_here(each.entry, row):
+        p = None
     u = U / k if U is not None and k is not None else row.u
     numbers = {} if U is None else {"expandedUncertainty": each.number(U)}
     numbers |= {} if k is None or U is None else {"coverageFactor": repr(k)}

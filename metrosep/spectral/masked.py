@@ -6,7 +6,9 @@ d the distance to the outside. On a disc that is the cos^2 of the radius. Withou
 that falls like f^-4 is wrong by up to a factor of twenty (metrology-2, 7.2). With it the lowest bands
 still take in some of the waves longer than the part, 20 to 90 % too much for f^-4; so a spectrum that
 falls is taken from the slopes, whose own spectrum falls by f^2 less, and divided by what the difference
-of two samples passes. At the highest frequencies closing loses about the share that was closed.
+of two samples passes. A gap of a profile that does not fall is closed by means of its surroundings, or
+it would be a wave of its own length. At the highest frequencies closing loses about the share that was
+closed.
 """
 
 from __future__ import annotations
@@ -199,13 +201,15 @@ def masked_psd(
             "max_filled"
         )
     z = np.where(measured, z - _trend(z, measured, detrend, is_map=is_map), np.nan)
-    z = _closed(z, outline, measured, steps)
-    power, w = _of_heights(z, outline, steps, is_map=is_map)
+    closed = _closed(z, outline, measured, steps)
+    power, w = _of_heights(closed, outline, steps, is_map=is_map)
     taken: Literal["heights", "slopes"] = "heights"
     falls = _falls(power, z.shape, steps)
     if estimate == "slopes" or (estimate == "auto" and detrend != "mean" and falls):
-        power, w = _of_slopes(z, outline, steps, is_map=is_map)
+        power, w = _of_slopes(closed, outline, steps, is_map=is_map)
         taken = "slopes"
+    elif n_filled and not is_map and not falls:
+        power, w = _of_heights(_closed_by_means(z), outline, steps, is_map=is_map)
     facts = {
         "detrend": detrend,
         "filled_share": share,
@@ -303,6 +307,22 @@ def _closed(
         shape=(n, n),
     )
     out[hole] = spsolve(csc_array(matrix), right)
+    return out
+
+
+def _closed_by_means(line: FloatArray) -> FloatArray:
+    """Return a row whose gaps hold the line between the means of as many samples on either side.
+
+    Of a white row the heights beside a gap, drawn on over all of it, would be a wave of its length.
+    """
+    out = line.copy()
+    z, filled = line[0], out[0]
+    known = np.flatnonzero(~np.isnan(z))
+    for k in np.flatnonzero(np.diff(known) > 1):
+        a, b = known[k], known[k + 1]
+        n = b - a - 1
+        left, right = z[max(a - n + 1, 0) : a + 1], z[b : b + n]
+        filled[a + 1 : b] = np.linspace(np.nanmean(left), np.nanmean(right), n + 2)[1:-1]
     return out
 
 

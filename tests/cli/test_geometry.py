@@ -229,6 +229,24 @@ def test_perpendicularity_of_a_wall(metrosep, tmp_path, lean, value):
     assert abs(found["PER"]["value"] - value * UM) < 20 * CLOSE  # yaw and lean mix: 3e-3 x 2 um
 
 
+def test_a_face_beside_a_bore_needs_no_sections(metrosep, tmp_path):
+    """The column section is filled for the bore only; a hole in it is refused with its element."""
+    bore = [("P", f"s{h}", *p) for h in (0, 10, 20) for p in circle(h, (-30, 0), 4.0)]
+    rows = bore + [("A", "", *p) for p in face(1e-4)]
+    header = ("Element", "Ebene", "X [mm]", "Y [mm]", "Z [mm]")
+    words = ("geometry", "perpendicularity", *XYZ, "--section", "Ebene")
+    words += ("--set", "feature=A", "--set", "datum=P", "--set", "datum_kind=axis")
+
+    file = semicolons(tmp_path / "f.csv", rows, header)
+    _, found = values(metrosep, *words, file)
+    assert abs(found["PER"]["value"] - 4.0 * UM) < CLOSE
+
+    rows[5] = ("P", "", *bore[5][2:])
+    code, _, err = metrosep(*words, semicolons(tmp_path / "g.csv", rows, header))
+    assert code == 2
+    assert "a point of element P has no entry in the column section" in err
+
+
 @pytest.mark.parametrize(
     ("what", "own", "value"),
     [
@@ -498,6 +516,20 @@ def test_profile_of_a_line(metrosep, tmp_path):
     code, out, err = metrosep("geometry", "surface_profile", file, *words)
     assert (code, out) == (2, "")
     assert "take line_profile" in err
+
+
+def test_a_cylinder_along_a_profile_is_not_taken_for_its_arc(metrosep, tmp_path):
+    x = np.linspace(-6, 6, 61)
+    z = 20 - np.sqrt(400 - x**2) + 0.0005 * np.cos(np.pi * x / 6)
+    file = semicolons(tmp_path / "l.csv", np.stack([x, z], 1), ("x_mm", "z_mm"))
+    words = ("geometry", "line_profile", file, "--set", "datum=frame", "--set")
+
+    code, _, err = metrosep(*words, "form=cylinder: R=20 mm")
+    assert code == 2
+    assert "angle=90 deg" in err
+
+    _, found = values(metrosep, *words, "form=cylinder: R=20 mm, angle=90 deg")
+    assert abs(found["t"]["value"] - 1.0 * UM) < 2 * CLOSE  # the rim is steep: cos of 17 degrees
 
 
 def test_the_example_is_made_by_its_script(repository, tmp_path):

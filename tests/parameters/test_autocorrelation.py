@@ -131,6 +131,25 @@ def test_lobe_that_reaches_the_largest_lag_has_no_longest():
     )
 
 
+@pytest.mark.parametrize("degrees", [18.3, 33.0, 45.0, 70.0])
+def test_a_thin_thread_across_the_grid_is_followed_to_the_largest_lag(degrees):
+    """Its pixels touch at corners only in places; a real map (bcrf) had Str 0.126 of the first of them."""
+    a = math.radians(degrees)
+
+    lobe = lobe_of(lambda x, y: np.exp(-(((y * math.cos(a) - x * math.sin(a)) / 0.45) ** 2)))
+
+    assert lobe.longest is None
+
+
+def test_a_lobe_that_reaches_the_largest_lag_round_a_corner_has_a_longest():
+    def hook(x, y):
+        near = np.hypot(x, y) < 10.5
+        finger = (abs(y) < 2.5) & (abs(x) < 30.5)
+        return np.where(near | finger | (abs(abs(x) - 28) < 2.5), 0.9, 0.0)
+
+    assert lobe_of(hook).longest == pytest.approx(30.8, abs=0.6)
+
+
 def test_a_lobe_larger_than_the_map_is_refused():
     tilt = np.tile(np.cos(np.linspace(0, 0.5, 64)), (64, 1))
     with pytest.raises(DataError, match="too small for its texture"):

@@ -140,6 +140,36 @@ def test_the_minimax_fit_is_the_best_of_many():
         assert surface_profile(points + shift, Sphere(R=50 * MM)).value >= best * (1 - 1e-9)
 
 
+@pytest.mark.parametrize("what", ["line", "surface"])
+def test_where_the_part_lies_does_not_change_its_deviation(what):
+    """A sphere that was measured millimetres off is moved and turned back; a linear turn stretches it."""
+    s = np.linspace(-6, 6, 13 if what == "surface" else 81)
+    X, Y = (v.ravel() for v in np.meshgrid(s, s if what == "surface" else [0.0]))
+    z = 20 - np.sqrt(400 - X**2 - Y**2) + 0.001 * np.cos(1.1 * X + 0.4) + 0.0004 * (X > 3)
+    points = np.stack([X, Y, z], axis=1) * MM
+    nominal = Sphere(R=20 * MM)
+    here = surface_profile(points, nominal, datum=False, what=what).value
+
+    for off in (1.0, 5.0):
+        there = surface_profile(
+            points + np.array([off * MM, 0, 0]), nominal, datum=False, what=what
+        ).value
+        assert there == pytest.approx(here, rel=1e-9, abs=0.0)
+
+
+def test_a_line_stays_in_its_plane():
+    """A circle of 19.9 mm fits a sphere of 20 mm beside its vertex, but it is not its profile."""
+    x = np.linspace(-6, 6, 41) * MM
+    points = np.stack([x, 0 * x, 19.9 * MM - np.sqrt((19.9 * MM) ** 2 - x**2)], axis=1)
+
+    found = surface_profile(
+        points + np.array([0, MM, 0]), Sphere(R=20 * MM), datum=False, what="line"
+    )
+
+    # in the plane y = 1 mm the sphere shows a circle of 19.975 mm
+    assert found.value > 1.5 * UM
+
+
 def test_what_cannot_be_evaluated_is_refused():
     points, sections = cylinder()
     with pytest.raises(TooFewSamplesError, match="6 measured points"):

@@ -222,8 +222,6 @@ class _OfPoints(Method):
             raise DataError("heights= is of traces; points with x, y and z have their height")
         n = values[named[0]].size
         section = values.get("section", np.full(n, ""))
-        if "section" in values and (section == "").any():
-            raise DataError(f"{file.name}: a point has no entry in the column section; fill it")
         if is_polar:
             height = np.full(n, self.heights[k]) if self.heights else values["height"]
             if "section" not in values and self.section_gap is None:
@@ -239,6 +237,12 @@ class _OfPoints(Method):
             element = np.full(n, self.elements[k])
         else:
             element = np.full(n, file.name if n_files > 1 and self.heights is None else "")
+        for each in np.unique(element[section != ""]):  # a face beside a bore needs no sections
+            if (section[element == each] == "").any():
+                of = f" of element {each}" if each else ""
+                raise DataError(
+                    f"{file.name}: a point{of} has no entry in the column section; fill it"
+                )
         return Points(np.asarray(xyz, dtype=np.float64), element.astype(str), section.astype(str))
 
     def _radii(self, readings: FloatArray, name: str) -> FloatArray:
