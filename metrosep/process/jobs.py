@@ -366,8 +366,8 @@ class TurningJob:
         )
         if lead_binds[under]:
             said += (
-                "; the free end of the path before the rim asks for this count: with more lead_in, until the nose "
-                "touches nothing of the part there, fewer points may do"
+                "; the blocks before the rim ask for this count, as the nose touches the part from there: with more "
+                "lead_in the free end lies further out, and fewer points a turn may do"
             )
         return PointPlan(
             under, self._counted(start.path, under), tried[under], tolerance, counts,
