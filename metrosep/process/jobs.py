@@ -25,7 +25,7 @@ from metrosep.process._log_places import held_on_points, on_spiral
 from metrosep.process._motion import FollowUp, FollowUpMap
 from metrosep.process._plain import frozen, length
 from metrosep.process._setting_equations import polar_slopes
-from metrosep.process.cutting.course_errors import course_error, on_the_cut
+from metrosep.process.cutting.course_errors import course_error, lead_in_dip, on_the_cut
 from metrosep.process.cutting.edge_errors import Servo
 from metrosep.process.cutting.motion import AxisLimits, AxisMotion, axis_motion
 from metrosep.process.cutting.programs import TurningProgram
@@ -321,13 +321,25 @@ class TurningJob:
         power = 2.0 if start.path.interpolation == "linear" else 4.0
         parts, most = options.get("sub_points", _PARTS), options.get("max_points", _MOST_BLOCKS)
         tried: dict[int, float] = {}
+        lead_binds: dict[int, bool] = {}
         fewest = int(start.tried.min())
         # over: the largest that fails; under: the smallest that holds
         n, over, under = start.n_points, 0, 0
         for _ in range(_MOST_COUNTS):
             path = self._error_map(self._counted(start.path, n), servo, parts)
             made = on_the_cut(path, self.form, edge, servo, tolerance)
-            tried[n] = error = made.peak_to_valley(**region)
+            error = made.peak_to_valley(**region)
+            dip = lead_in_dip(
+                self.program(path.path, servo=servo),
+                self.form,
+                edge,
+                parts,
+                region["annulus"] or (0.0, self.radius),
+            )
+            # the free end of the spline digs before the rim into what the nose touches inside it
+            dug = max(error, float(made.z.max()) - dip)
+            lead_binds[n] = dug > error
+            tried[n] = error = dug
             over, under = (over, n) if error <= tolerance else (max(over, n), under)
             if under == n and error > _NEARLY * tolerance:
                 break
@@ -352,6 +364,11 @@ class TurningJob:
             "the P-V is that of the surface that is cut, without cusps: the tip between the points as the control "
             "joins them, less what the turns on either side cut away"
         )
+        if lead_binds[under]:
+            said += (
+                "; the blocks before the rim ask for this count, as the nose touches the part from there: with more "
+                "lead_in the free end lies further out, and fewer points a turn may do"
+            )
         return PointPlan(
             under, self._counted(start.path, under), tried[under], tolerance, counts,
             np.array([tried[k] for k in counts.tolist()]), max(above, default=0.0) <= tolerance,

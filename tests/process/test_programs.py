@@ -422,8 +422,16 @@ def test_turns_that_cut_away_what_their_neighbours_leave_save_points():
     plan = job.plan(tolerance, interpolation="spline")
     program = job.program(plan)
     rng = np.random.default_rng(6)
-    # not counted by a plan: the free end of the spline before the rim digs 106 nm, 6 um into the part
-    rho, theta = rng.uniform(core + 18e-6, 1.2e-3 - 18e-6, 2000), rng.uniform(-np.pi, np.pi, 2000)
+    # everywhere, and closely where the free end of the spline before the rim digs into the part
+    rho, theta = rng.uniform(core, 1.2e-3, 2000), rng.uniform(-np.pi, np.pi, 2000)
+    rho = np.append(rho, rng.uniform(1.19e-3, 1.194e-3, 2000))
+    theta = np.append(theta, rng.uniform(-0.1, 0.4, 2000))
+    wave = 2 * np.pi / 7e-4
+    slope = 3e-6 * wave * np.cos(wave * rho * np.cos(theta)) * np.cos(theta)
+    slope -= 3e-6 * wave * np.sin(wave * rho * np.sin(theta)) * np.sin(theta)
+    tip = rho - SMALL * slope / np.hypot(1.0, slope)  # of the turn that touches a place
+    on = (tip > core) & (tip < 1.2e-3)  # places that a turn touches
+    rho, theta = rho[on], theta[on]
     through = (CubicSpline(program.t, v) for v in (program.X, program.azimuth, program.Z))
     t = np.linspace(program.t[0], program.t[-1], 40 * len(program))
     left = envelope(*(f(t) for f in through), rho, theta)

@@ -32,6 +32,7 @@ __all__ = [
     "WorstContacts",
     "course_error",
     "course_pieces",
+    "lead_in_dip",
     "on_the_cut",
     "worst_contacts",
 ]
@@ -70,10 +71,11 @@ def course_pieces(
     shares: FloatArray,
     *,
     first: int = 0,
+    last: int | None = None,
     strict: bool = False,
 ) -> Iterator[CoursePiece]:
-    """Yield pieces of a program from block `first` on, at shares of the time of each block."""
-    parts, last = shares, len(program) - 1
+    """Yield pieces of a program from block `first` to before block `last`, at shares of the time of each block."""
+    parts, last = shares, len(program) - 1 if last is None else last
     per = max(1, _PIECE // parts.size)
     for begin in range(first, last, per):
         end = min(begin + per, last)
@@ -96,6 +98,21 @@ def course_error(
     made = [p.error for p in pieces]
     end = tips(form, program.X[-1:], program.azimuth[-1:], edge, strict=True)
     return np.concatenate([*made, program.Z[-1:] - end.z])
+
+
+def lead_in_dip(
+    program: TurningProgram, form: Form, edge: Edge, parts: int, region: tuple[float, float]
+) -> float:
+    """Return the least d of the blocks before the rim whose contacts lie within radii; inf if none does."""
+    if not program.lead_in:
+        return math.inf
+    least = math.inf
+    for piece in course_pieces(
+        program, form, edge, np.arange(parts) / parts, last=program.lead_in
+    ):
+        on = np.isfinite(piece.error) & (piece.rho >= region[0]) & (piece.rho <= region[1])
+        least = min(least, float(piece.error[on].min(initial=math.inf)))
+    return least
 
 
 def _rise_beside(

@@ -492,7 +492,10 @@ def map_of_part(path: str) -> Surface:
 
     measured = read(path)
     if not isinstance(measured, Surface):
-        raise DataError(f"part: {path} holds a {type(measured).__name__}, a map is needed")
+        raise DataError(
+            f"part: {path} holds a {type(measured).__name__}, and dx, dy and dR of the tool show on a map only: "
+            "give the map of the part around the axis (a form measurement of the surface), not one section"
+        )
     return measured
 
 
