@@ -289,24 +289,6 @@ def _said(capsys, *words):
     return stop.value.code or 0, said.out + said.err
 
 
-def test_runs_over_an_angle_are_sent_to_a_table(tmp_path, capsys):
-    degrees = np.arange(0.0, 360.0, 5.0)
-    rows = [
-        f"{k},{a:g},{3 * np.sin(np.radians(a)) + 0.01 * k:.4f}" for k in range(4) for a in degrees
-    ]
-    path = tmp_path / "turning.csv"
-    path.write_text("run,x_deg,z_arcsec\n" + "\n".join(rows) + "\n")
-
-    (note,) = check_file(path)
-    call = note.fix.split("with: metrosep ")[1]
-
-    assert note.level == "note"
-    words = [
-        {"SPACING": "15 deg", "FILE": str(tmp_path / "t.csv")}.get(w, w) for w in shlex.split(call)
-    ]
-    assert code_of(*words, "--format", "csv") == 0
-
-
 TURNS = "run,{},error_arcsec\n" + "".join(
     f"{run},{k},{0.25 * k - 1.5 + 0.125 * run}\n" for run in (1, 2) for k in range(361)
 )
