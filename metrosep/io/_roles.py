@@ -124,6 +124,9 @@ def runs_in(table: Table) -> FoundRuns | None:
         and c.unit.dimension in ("length", "voltage")
     ]
     missing = [key for key in ("x", "z") if key not in columns]
+    if missing == ["x"] and not other:  # no length is left: the axis may turn
+        turning = [*by_role.get("", ()), *by_role.get("angle", ())]
+        other = [c.name for c in turning if c.unit and c.unit.dimension == "angle"]
     assumed = frozenset(missing if len(missing) == len(other) == 1 else ())
     columns |= dict.fromkeys(assumed, other[0]) if assumed else {}
     for column in by_role.get("direction", ()):

@@ -110,7 +110,7 @@ def read(
             if k != "time" or "sampling_rate" not in given
         }
         known = own | {k: v for k, v in given.items() if k not in ("unit", "format")}
-        return read_runs(path, **known)
+        return read_runs(path, **known, angles=exc.found.turns)
 
 
 _COLUMNS = frozenset({"x", "z", "time", "sampling_rate", "scale"})

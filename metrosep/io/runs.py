@@ -304,12 +304,12 @@ def _told_runs(path: str | os.PathLike[str], given: Mapping[str, Any], *, angles
     with _LOCK:
         ahead = _AHEAD.pop(_key(file, layout), None)
     file, content, known = ahead or _content(file, layout)
-    if not given and isinstance(content, RunSet):
-        return content
+    own = content if not given and isinstance(content, RunSet) else None
     if not given and isinstance(content, Table):
         is_own = any(map(is_marked, content.header.get("comments", ())))
-        if is_own and (runs := own_runs(file, content)) is not None:
-            return runs
+        own = own_runs(file, content) if is_own else None
+    if own is not None:
+        return own
     held = [_as_columns(file, content, known)]
     del content
     return runs_of(held, _told_specs(*held[0], given, angles=angles), angles=angles)
@@ -370,6 +370,15 @@ def _feed_per_file(feed: FeedSpec, n_files: int) -> list[ColumnSpec | float | No
     return [f if isinstance(f, str) else float(f) for f in items]
 
 
+def _over_an_angle(file: RawFile, what: str, words: list[str]) -> UnitError:
+    """Return the error of runs of an axis that turns where runs over a length are needed."""
+    return UnitError(
+        f"{file.path}: {what} is an angle, and runs are separated along a length; of an axis that turns the "
+        f"mean of its runs makes the table: metrosep table {shlex.join([str(file.path), *words])} --axis C "
+        "--compensates C --spacing SPACING -o FILE (SPACING such as '15 deg')"
+    )
+
+
 def _runs_of(
     file: RawFile, held: list[Table], request: _Request, feed: ColumnSpec | float | None
 ) -> Iterator[Run]:
@@ -381,11 +390,7 @@ def _runs_of(
     if turns and not request.angles:
         words = ["--x", x_column.name, "--z", z_column.name]
         words += ["--run", request.run] if request.run else []
-        raise UnitError(
-            f"{file.path}: column {x_column.name!r} (x) is an angle, and runs are separated along a length; of an "
-            f"axis that turns the mean of its runs makes the table: metrosep table {shlex.join([str(file.path), *words])} "
-            "--axis C --compensates C --spacing SPACING -o FILE (SPACING such as '15 deg')"
-        )
+        raise _over_an_angle(file, f"column {x_column.name!r} (x)", words)
     kinds = ("angle" if turns else "length", "angle" if turned and turns else "length")
     units = {"unit": "rad", "z_unit": "rad" if turned else "m"} if turns else {}
     timed = None
@@ -774,8 +779,8 @@ def _cell_texts(file: RawFile, table: Table, column: Column) -> list[str]:
         numbers = column.values if column.values is not None else np.empty(0)
         return [repr(float(v)).removesuffix(".0") for v in numbers]
     header = table.header
-    dialect = Dialect(header["separator"], header["decimal"], header["quoted"])
     text = decode(file.data, file.path, header["encoding"])[0]
+    dialect = Dialect(header["separator"], header["decimal"], '"' in text)
     lines = unframed(text, text).split("\n")
     place = table.names.index(column.name)
     rows = dialect.split(lines[n - 1] for n in table.lines.tolist())

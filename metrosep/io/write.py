@@ -11,6 +11,7 @@ import csv
 import importlib
 import inspect
 import io
+import itertools
 import os
 import unicodedata
 from collections.abc import Sequence
@@ -172,13 +173,21 @@ def _csv(obj: Surface | Profile | Recording | RunSet) -> bytes:
     if isinstance(obj, Surface):
         return _table(["x_m", "y_m", "z_m"], _grid_texts(obj), obj)
     if isinstance(obj, Recording):
-        bare = [header_unit(n)[0] if obj.units.get(n) else n for n in obj.channels]
-        bare = bare if len({*bare}) == len(bare) else list(obj.channels)
-        pairs = zip(bare, obj.channels, strict=True)
-        names = [f"{b} [{obj.units[n]}]" if obj.units.get(n) else b for b, n in pairs]
         columns = [_texts(obj.t), *(_texts(c) for c in obj.channels.values())]
-        return _table(["t_s", *names], columns, obj)
+        return _table(["t_s", *_channel_names(obj)], columns, obj)
     return _runs(obj)
+
+
+def _channel_names(recording: Recording) -> list[str]:
+    """Return names of channels with the unit they are written in, no two alike: probe (2) [m]."""
+    names = {n: n for n in recording.channels if not recording.units.get(n)}
+    for channel in recording.channels:
+        bare, unit = header_unit(channel)[0], recording.units.get(channel)
+        numbered = (f"{bare} ({k}) [{unit}]" for k in itertools.count(2))
+        if unit:
+            free = itertools.chain([f"{bare} [{unit}]"], numbered)
+            names[channel] = next(n for n in free if n not in names.values())
+    return [names[channel] for channel in recording.channels]
 
 
 def _runs(runs: RunSet) -> bytes:

@@ -9,6 +9,8 @@ import pytest
 
 import metrosep as ms
 from metrosep.errors import ReadError
+from metrosep.io.source import open_file
+from metrosep.io.text.table import read_table
 
 X = np.array([0.0, 0.5, 1.0, 1.5, 2.0])  # mm
 Z = np.array([0.123, -0.234, 0.345, 0.456, -0.321])  # um, no two alike
@@ -173,3 +175,26 @@ def test_an_empty_column_between_named_ones_needs_no_name(tmp_path: Path) -> Non
 
     np.testing.assert_allclose(x, np.arange(5), rtol=0, atol=PM)
     np.testing.assert_allclose(z, 0.5 + np.arange(5), rtol=0, atol=PM)
+
+
+CELLS = "".join(f"|{x}|{z}|\n" for x, z in zip(X, Z, strict=True)) * 4
+BARS = {
+    "names without bars": ("a_um|x_mm|z_um|b_um\n", 1),
+    "names of a database": (" a_um | x_mm | z_um | b_um\n------+------+------+------\n", 1),
+    "no names": ("", 1),
+    "names in bars": ("|x_mm|z_um|\n", 0),
+    "a rule": ("+----+----+\n", 0),
+}
+
+
+@pytest.mark.parametrize("above", BARS)
+@pytest.mark.parametrize("n_rows", [5, 20])
+def test_bars_are_a_frame_where_one_was_drawn_else_empty_cells(put, above, n_rows) -> None:
+    head, column = BARS[above]
+    rows = "\n".join(CELLS.split("\n")[:n_rows]) + "\n"
+    table = read_table(open_file(put(head + rows, "drawn.txt")))
+
+    assert table.columns[0].values is not None
+    assert np.isnan(table.columns[0].values).all() == bool(column)
+    np.testing.assert_array_equal(table.columns[column].values, np.tile(X, 4)[:n_rows])
+    np.testing.assert_array_equal(table.columns[column + 1].values, np.tile(Z, 4)[:n_rows])

@@ -122,3 +122,15 @@ def test_quotes_cost_no_loop_over_the_fields(tmp_path):
     plain = seconds("plain")
     for how in ("quoted", "one quoted", "semicolon quoted", "commas in quotes"):
         assert seconds(how) < MOST * plain, how
+
+
+def test_a_quote_far_from_every_line_of_the_sample_is_a_quote(tmp_path):
+    rows = [f"{x},{z}" for x, z in zip(X[:11_000], Z, strict=False)]
+    rows[5_500] = ",".join(map(quoted, rows[5_500].split(",")))
+    path = tmp_path / "a.csv"
+    path.write_text("x_mm,z_um\n" + "\n".join(rows) + "\n")
+
+    read = ms.read(path)
+    assert read.x[5_500] == float(X[5_500]) * 1e-3
+    assert read.z[5_500] == float(Z[5_500]) * 1e-6
+    assert read.metadata["lines"]["data"] == len(rows)

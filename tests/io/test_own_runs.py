@@ -1,5 +1,6 @@
 """Runs that metrosep wrote come back as runs by every door: nothing is lost, no unit is changed."""
 
+import math
 import shlex
 
 import numpy as np
@@ -279,3 +280,42 @@ def test_runs_over_an_angle_are_sent_to_a_table(tmp_path):
         {"SPACING": "15 deg", "FILE": str(tmp_path / "t.csv")}.get(w, w) for w in shlex.split(call)
     ]
     assert code_of(*words, "--format", "csv") == 0
+
+
+def _said(capsys, *words):
+    with pytest.raises(SystemExit) as stop:
+        main([str(w) for w in words])
+    said = capsys.readouterr()
+    return stop.value.code or 0, said.out + said.err
+
+
+TURNS = "run,{},error_arcsec\n" + "".join(
+    f"{run},{k},{0.25 * k - 1.5 + 0.125 * run}\n" for run in (1, 2) for k in range(361)
+)
+
+
+def test_runs_over_an_angle_are_converted_and_not_taken_for_lengths(tmp_path, capsys):
+    source, target = tmp_path / "turns.csv", tmp_path / "back.csv"
+    source.write_text(TURNS.format("position_deg"))
+    assert _said(capsys, "convert", source, target)[0] == 0
+
+    back = ms.read(target)
+    assert back.metadata["unit"] == "rad"
+    assert back[1].x[90] == pytest.approx(math.pi / 2, abs=1e-15)
+    assert back[1].z[2] == pytest.approx(-0.75 * math.pi / 648_000, abs=1e-20)
+    code, said = _said(capsys, "separate", target, "--method", "mean", "-o", tmp_path / "o")
+    assert code != 0
+    assert "is an angle" in said
+
+
+def test_the_call_for_runs_over_c_makes_their_table(tmp_path, capsys):
+    source = tmp_path / "turns.csv"
+    source.write_text(TURNS.format("c_deg"))
+    for command in (["check", source], ["convert", source, tmp_path / "back.csv"]):
+        said = _said(capsys, *command)[1]
+        assert "metrosep separate" not in said
+        call = said[said.index("metrosep table ") :].splitlines()[0]
+        assert "--x c_deg" in call
+        words = shlex.split(call.replace("SPACING", "'30 deg'"))[1:-1]
+        said = _said(capsys, *words, tmp_path / "c.csv")[1]
+        assert "the table covers 0 deg ... 360 deg" in said  # the travel is left to be stated

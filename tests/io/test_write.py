@@ -184,3 +184,17 @@ def test_options_reach_the_writer_and_unknown_ones_are_named(tmp_path, bump):
         ms.write(bump, tmp_path / "b.sdf", bits=16)
     with pytest.raises(ms.errors.WriteError, match="csv takes no option 'bits'"):
         ms.write(bump, tmp_path / "b.csv", bits=16)
+
+
+def test_channels_that_differ_in_their_unit_alone_come_back(tmp_path):
+    channels = {
+        "probe [um]": [1e-6, 2e-6],
+        "probe [nm]": [3e-9, 5e-9],
+        "probe (2) [m]": [0.5, 0.7],
+    }
+    recording = ms.Recording([0.0, 0.1], channels, units=dict.fromkeys(channels, "m"))
+    ms.write(recording, tmp_path / "rec.csv")
+
+    back = ms.read(tmp_path / "rec.csv")
+    assert [v.tolist() for v in back.channels.values()] == [list(v) for v in channels.values()]
+    assert list(back.channels) == ["probe [m]", "probe (2) [m]", "probe (2) (2) [m]"]

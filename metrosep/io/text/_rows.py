@@ -33,6 +33,7 @@ from metrosep.io.text._compiled import (
 from metrosep.io.text.dialect import (
     BEYOND,
     LONGEST_FIELD,
+    MARKS,
     NO_COMMENT,
     NO_READING,
     NUMBER_LIKE,
@@ -317,6 +318,10 @@ class Body:
     def _take_part(self, text: str, *, last: bool) -> Block:
         first, n_lines = self.line, text.count("\n") + (not text.endswith("\n"))
         self.line += n_lines
+        dialect = self._layout.dialect
+        if '"' in text and not dialect.quoted and dialect.separator in MARKS.values():
+            # quotes that the sample did not show
+            self._layout = replace(self._layout, dialect=replace(dialect, quoted=True))
         columns = self._fast(text, n_lines, first)
         if columns is not None:
             lines = np.arange(first, first + n_lines, dtype=np.int64)

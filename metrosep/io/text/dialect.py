@@ -276,16 +276,32 @@ def is_rule(line: str) -> bool:
 
 
 def unframed(text: str, head: str) -> str:
-    """Return lines without the bars left and right of them, where those of the head of the text have them."""
+    """Return lines without the bars left and right of them, where a frame was drawn in the head of the text.
+
+    The names show it, or a rule above rows without names: rows alone may begin and end with empty cells.
+    """
     if _HAS_BOX.search(head):
         text, head = text.translate(_BOX), head.translate(_BOX)
     if "|" not in head:
         return text
-    lines = [s for s in head.split("\n") if "|" in s]
+    every = head.split("\n")
+    lines = [s for s in every if "|" in s and not is_comment(s)]
     framed = sum(_FRAMED.fullmatch(s) is not None for s in lines)
     if framed < _FEWEST_FRAMED or framed < (1.0 - _TOLERATED) * len(lines):
         return text
-    return _FRAMED.sub(r"\1", text)
+    lines = [s for s in lines if s.strip("|-=:+ \t")]
+    first = next((k for k, s in enumerate(lines) if _may_be_row(s)), 0)
+    if first:
+        is_drawn = _FRAMED.fullmatch(lines[first - 1]) is not None
+    else:
+        is_drawn = any(is_rule(s) and s.strip()[0] in "+|" for s in every)
+    return _FRAMED.sub(r"\1", text) if is_drawn else text
+
+
+def _may_be_row(line: str) -> bool:
+    """Whether a line between bars holds a number, or nothing but words for "not measured"."""
+    fields = [f.strip().lower() for f in line.split("|")]
+    return any(map(NUMBER_LIKE.fullmatch, fields)) or all(f in NO_READING for f in fields)
 
 
 _FEWEST_FRAMED = 3

@@ -320,6 +320,12 @@ def with_moments(
             found = {**{i: m for i, m in found.items() if i != day}, k: both}
     else:
         day = -1
+    unsettled = [
+        k for k, e in entries.items() if columns[k].name in undecided and e.is_dated.any()
+    ]
+    if len(unsettled) == len(clocks) == 1 and not dates:  # no time without the dates beside it
+        del found[clocks[0]]
+        undecided[columns[clocks[0]].name] = undecided[columns[unsettled[0]].name]
     for k in [k for k in clocks if k in found and found[k].kind == "clock"]:
         texts = columns[k].labels or ()
         if not (len(dates) == len(clocks) == 1) and may_be_minutes(texts, entries[k]):

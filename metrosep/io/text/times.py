@@ -1,12 +1,13 @@
 """Dates and times of day as loggers write them: seconds from the first row, and when that was.
 
-Arithmetic is in whole nanoseconds; a float of seconds since 1970 would keep 0.2 us. Nothing is
-converted between time zones, and a day that may be a month is settled by the dates themselves or
-refused.
+Arithmetic is in whole nanoseconds; a float of seconds since 1970 would keep 0.2 us. The offset of each
+row from UTC counts where one is written. A day that may be a month, or a year, is settled by the dates
+themselves or refused.
 """
 
 from __future__ import annotations
 
+import datetime as dt
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,12 +29,16 @@ __all__ = [
     "moments",
 ]
 
-_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-_GERMAN = {"mrz": 3, "mär": 3, "mai": 5, "okt": 10, "dez": 12}
+_MONTHS = (
+    ("january", "januar"), ("february", "februar"), ("march", "märz", "mrz"), ("april",),
+    ("may", "mai"), ("june", "juni"), ("july", "juli"), ("august",), ("september",),
+    ("october", "oktober"), ("november",), ("december", "dezember"),
+)  # fmt: skip
+"""Names in English and German, of which at least three letters stand."""
 _DATE = (
     r"(?:(?P<y>\d{4})(?P<s1>[-/.年])(?P<m>\d{1,2})[-/.月](?P<d>\d{1,2})日?"
     r"|(?P<a>\d{1,2})(?P<s2>[-/.])(?P<b>\d{1,2})(?P=s2)(?P<y2>\d{4}|\d{2})"
-    r"|(?P<d3>\d{1,2})[- .]+(?P<name>[A-Za-zä]{3})[a-z]*[- .]+(?P<y3>\d{4}))"
+    r"|(?P<d3>\d{1,2})[- .]+(?P<name>[A-Za-zä]{3,})[- .]+(?P<y3>\d{4}))"
 )
 _CLOCK = (
     r"(?:(?P<mi>\d{1,2}):(?P<sf>\d\d[.,]\d{1,9})"
@@ -44,6 +49,8 @@ _MOMENT = re.compile(rf"{_DATE}(?:(?:T|,?\s+){_CLOCK}{_ZONE})?|{_CLOCK.replace('
 _SECOND = 10**9
 _DAY = 86400 * _SECOND
 _HALF = 43200 * _SECOND
+_FIRST_YEAR, _LAST_YEAR = 1900, 2149
+"""Years of measurements: the time between any two of them is a number of ns of 64 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,9 +128,13 @@ class Entries:
         self.is_empty = np.zeros(n, dtype=np.bool_)
         self.is_dated = np.zeros(n, dtype=np.bool_)
         self.is_swappable = np.zeros(n, dtype=np.bool_)  # a/b/y, of which a is taken as the month
+        self.is_short = np.zeros(n, dtype=np.bool_)  # of these, whether a may be the year: a/b/yy
         self.date = np.zeros((3, n), dtype=np.int64)  # year, month, day
         self.form = np.zeros(n, dtype=np.int8)  # of the time of day: index of `_FORMS`
         self.ns = np.zeros(n, dtype=np.int64)  # of the day
+        self.is_time = np.ones(n, dtype=np.bool_)  # whether a clock can show it: no 12:75
+        self.is_zoned = np.zeros(n, dtype=np.bool_)
+        self.offset = np.zeros(n, dtype=np.int64)  # from UTC in ns: local time - UTC
         for start in range(0, n, _CHUNK):
             self._take(texts[start : start + _CHUNK], start)
 
@@ -181,14 +192,18 @@ class Entries:
         if "y" in span:
             self.date[:, rows] = [whole("y"), whole("m"), whole("d")]
         elif "a" in span:
-            year = whole("y2") + (2000 if np.ptp(span["y2"]) == len("26") else 0)
+            is_short = bool(np.ptp(span["y2"]) == len("26"))
+            year = _in_full(whole("y2")) if is_short else whole("y2")
             one, two = whole("a"), whole("b")
             is_swappable = text[slice(*span["s2"])] != "."
+            self.is_short[rows] = is_short and is_swappable
             self.is_swappable[rows] = is_swappable
             self.date[:, rows] = [year, one, two] if is_swappable else [year, two, one]
         elif "name" in span:
             name = text[slice(*span["name"])].casefold()
-            month = _GERMAN.get(name) or (_MONTHS.index(name) + 1 if name in _MONTHS else 0)
+            month = next(
+                (k for k, of in enumerate(_MONTHS, 1) if any(m.startswith(name) for m in of)), 0
+            )
             year = whole("y3")
             self.date[:, rows] = [year, np.full_like(year, month), whole("d3")]
         self.is_dated[rows] = not span.keys().isdisjoint(("y", "a", "name"))
@@ -196,9 +211,18 @@ class Entries:
             self.ns[rows] = whole("mi") * 60 * _SECOND + _nanoseconds(text, codes, *span["sf"])
         elif "h" in span:
             hour, half = whole("h"), text[slice(*span.get("half", (0, 0)))][:1].casefold()
+            self.is_time[rows] = (whole("min") < 60) & ((hour <= 12) | (not half))
             hour = hour % 12 + 12 * (half == "p") if half else hour
             second = _nanoseconds(text, codes, *span["sec"]) if "sec" in span else 0
             self.ns[rows] = (hour * 60 + whole("min")) * 60 * _SECOND + second
+        for name in span.keys() & {"sf", "sec"}:  # 60 is a leap second
+            self.is_time[rows] &= _nanoseconds(text, codes, *span[name]) < 61 * _SECOND
+        if "zone" in span:
+            self.is_zoned[rows] = True
+            first, end = span["zone"]
+            if text[first] in "+-":
+                minutes = _whole(codes, first + 1, first + 3) * 60 + _whole(codes, end - 2, end)
+                self.offset[rows] = minutes * (60 * _SECOND * (-1 if text[first] == "-" else 1))
         form = ("mm:ss.f", "hh:mm:ss", "hh:mm")[["sf" in span, "sec" in span, True].index(True)]
         self.form[rows] = _FORMS.index(form) if "sf" in span or "h" in span else 0
 
@@ -212,6 +236,11 @@ _LONGEST = 64
 _SHAPES = 64
 """Shapes of texts of one length that are read at once: twelve months, times of two halves of a day."""
 _TEN = np.uint8(10)
+
+
+def _in_full(year: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return years of two digits as those of this century, or of the last where they lie ahead."""
+    return np.where(year > dt.date.today().year - 2000, year + 1900, year + 2000)
 
 
 def _whole(codes: NDArray[Any], first: int, end: int) -> NDArray[np.int64]:
@@ -245,20 +274,31 @@ def moments(
     if not said.is_known.any() or not (said.is_known | said.is_empty).all():
         return None
     own = np.flatnonzero(said.is_known)
-    is_dated, dates, swappable = said.is_dated, said.date, said.is_swappable
-    if days is not None:
-        if not days.is_dated.all():
-            return None
-        is_dated, dates, swappable = days.is_dated, days.date, days.is_swappable
+    if days is not None and not days.is_dated.all():
+        return None
+    on = said if days is None else days
+    is_dated = on.is_dated
     forms = said.form[own]
     dated, timed = is_dated[own], forms > 0
     if dated.any() != dated.all() or timed.any() != timed.all():
         return None
     ns = np.zeros(own.size, dtype=np.int64)
-    clock = said.ns[own]
+    clock, offset = said.ns[own], said.offset[own]
+    wrong = own[~said.is_time[own] | (dated & (clock >= _DAY + _SECOND))]
+    if wrong.size:
+        raise AmbiguousFormatError(
+            f"{where}: line {int(lines[wrong[0]])}: {texts[wrong[0]]!r} is not a time of day; correct it, or "
+            "give sampling_rate="
+        )
+    other = own[said.is_zoned[own] != said.is_zoned[own[0]]]
+    if other.size:
+        raise AmbiguousFormatError(
+            f"{where}: line {int(lines[other[0]])}: {texts[other[0]]!r} stands among times of which only some "
+            "state their offset from UTC; write it in all of them or in none, or give sampling_rate="
+        )
     start = texts[own[0]].strip('"')
     if dated[0]:
-        whole_days, start = _days(dates[:, own], swappable[own], clock, lines, where)
+        whole_days, start = _days(on, own, clock - offset, lines, where)
         ns = whole_days * _DAY
     if timed[0]:
         if (forms != forms[0]).any():
@@ -270,7 +310,7 @@ def moments(
             )
         if not dated[0]:  # a clock that falls by half a day and more has passed midnight
             ns[1:] = np.cumsum(np.diff(clock) < -_HALF) * _DAY
-        ns = ns + clock
+        ns = ns + clock - offset
         if dated[0]:
             found = _MOMENT.fullmatch(texts[own[0]].strip('"'))
             zone = "" if found is None else found["zone"] or ""
@@ -291,7 +331,7 @@ class RunningClock:
         self._where = where
         self._first: int | None = None
         self._last = self._days = 0
-        self._form: tuple[bool, int] | None = None
+        self._form: tuple[bool, int, bool] | None = None
 
     def seconds(
         self, texts: Sequence[str], lines: NDArray[np.int64], days: Sequence[str] | None = None
@@ -304,16 +344,17 @@ class RunningClock:
         if not rows.size:
             return found
         dated = own if beside is None else beside
-        form = dated.is_dated[rows], own.form[rows]
-        first = self._form or (bool(form[0][0]), int(form[1][0]))
+        form = dated.is_dated[rows], own.form[rows], own.is_zoned[rows]
+        first = self._form or (bool(form[0][0]), int(form[1][0]), bool(form[2][0]))
         faults = [
             *self._faults(own, rows, texts),
             *(() if beside is None else self._faults(beside, rows, days or ())),
             (
-                (form[0] != first[0]) | (form[1] != first[1]),
+                (form[0] != first[0]) | (form[1] != first[1]) | (form[2] != first[2]),
                 texts,
                 "is of another form than those above it",
             ),
+            (form[0] & (own.ns[rows] >= _DAY + _SECOND), texts, "is not a time of day"),
             (
                 ~form[0] & (form[1] == _FORMS.index("hh:mm")),
                 texts,
@@ -329,7 +370,7 @@ class RunningClock:
                 "metrosep.read, or name the other channels with channels="
             )
         self._form = first
-        ns = own.ns[rows]
+        ns = own.ns[rows] - own.offset[rows]
         if first[0]:
             ns = ns + _day_numbers(*dated.date[:, rows])[0] * _DAY
         else:  # past midnight
@@ -349,9 +390,15 @@ class RunningClock:
         date = entries.date[:, rows]
         is_date = _day_numbers(*date)[1] | ~entries.is_dated[rows]
         either = entries.is_swappable[rows] & (date[1] != date[2])
+        either |= entries.is_short[rows] & (date[0] % 100 != date[1])
+        is_known = entries.is_known[rows] & entries.is_time[rows] & is_date
         return [
-            (~(entries.is_known[rows] & is_date), texts, "is not a date or a time of day"),
-            (either, texts, "may be day/month or month/day, which only the whole tells"),
+            (~is_known, texts, "is not a date or a time of day"),
+            (
+                either,
+                texts,
+                "may be day/month or month/day, or begin with the year, which only the whole tells",
+            ),
         ]
 
 
@@ -363,41 +410,44 @@ def _day_numbers(
     start = months.astype("M8[M]")
     days = start.astype("M8[D]") + (day - 1)
     is_date = (month >= 1) & (month <= 12) & (day >= 1) & (days.astype("M8[M]") == start)
+    is_date &= (year >= _FIRST_YEAR) & (year <= _LAST_YEAR)
     return days.astype(np.int64), is_date
 
 
 def _days(
-    dates: NDArray[np.int64],
-    swappable: NDArray[np.bool_],
+    entries: Entries,
+    rows: NDArray[np.intp],
     clock: NDArray[np.int64],
     lines: NDArray[np.int64],
     where: str,
 ) -> tuple[NDArray[np.int64], str]:
-    """Return the days since 1970, and the first; what may be day or month is settled or refused."""
-    year, one, two = dates
-    readings = []
-    for month, day in ((one, two), (two, one)) if swappable.any() else ((one, two),):
-        numbers, is_date = _day_numbers(year, month, day)
-        if is_date.all():
-            readings.append(numbers)
+    """Return the days since 1970, and the first; the order of day, month and year is settled or refused."""
+    year, one, two = entries.date[:, rows]
+    orders = [(year, one, two)]
+    if entries.is_swappable[rows].any():
+        orders.append((year, two, one))
+    if entries.is_short[rows].all():  # a/b/yy may be year, month and day
+        orders.append((_in_full(one), two, year % 100))
+    numbered = [_day_numbers(*order) for order in orders]
+    readings = [numbers for numbers, is_date in numbered if is_date.all()]
     if not readings:
-        i = int(np.argmin(_day_numbers(year, one, two)[1]))
+        i = int(rows[np.argmin(numbered[0][1])])
         raise AmbiguousFormatError(
-            f"{where}: line {int(lines[i])}: no order of day, month and year fits all dates; write them "
-            "as yyyy-mm-dd, or give sampling_rate="
+            f"{where}: line {int(lines[i])}: no order of day, month and year fits all dates (of the years "
+            f"{_FIRST_YEAR} to {_LAST_YEAR}); write them as yyyy-mm-dd, or give sampling_rate="
         )
-    first, last = readings[0], readings[-1]
-    begins = [str(np.datetime64(int(r[0]), "D")) for r in (first, last)]
-    start = begins[0] if first[0] == last[0] else " or ".join(begins)
-    if not np.array_equal(first - first[0], last - last[0]):
+    first = readings[0]
+    if any(not np.array_equal(first - first[0], r - r[0]) for r in readings[1:]):
         likely = [r for r in readings if _is_even(r * _DAY + clock)]
         if len(likely) != 1:
             raise AmbiguousFormatError(
-                f"{where}: line {int(lines[0])}: the dates may be day/month or month/day, and both give "
-                "steps of time; write them as yyyy-mm-dd, or give sampling_rate="
+                f"{where}: line {int(lines[rows[0]])}: the dates may be day/month or month/day, or begin with the "
+                "year, and more than one order gives steps of time; write them as yyyy-mm-dd, or give "
+                "sampling_rate="
             )
-        first, start = likely[0], str(np.datetime64(int(likely[0][0]), "D"))
-    return first, start
+        readings = likely
+    starts = dict.fromkeys(str(np.datetime64(int(r[0]), "D")) for r in readings)
+    return readings[0], " or ".join(starts)
 
 
 def _is_even(ns: NDArray[np.int64]) -> bool:

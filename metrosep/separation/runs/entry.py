@@ -379,6 +379,12 @@ def _check_types(runs: object, lag: object) -> None:
         raise DataError(
             f"separate needs a RunSet, got {type(runs).__name__}; wrap the runs: RunSet([run, ...])"
         )
+    if runs.metadata.get("unit", "m") != "m":
+        raise DataError(
+            "the position of the runs is an angle, and runs are separated along a length; of an axis that "
+            "turns the mean of its runs makes the table (command line: metrosep table FILE --axis C "
+            "--compensates C --spacing SPACING -o TABLE)"
+        )
     if isinstance(lag, str) and lag in ("auto", "fit"):
         return
     if isinstance(lag, bool) or not isinstance(lag, int | float | np.integer | np.floating):

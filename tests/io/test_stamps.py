@@ -1,0 +1,88 @@
+"""Stamps of loggers through the door: the seconds are those a calendar says, or the file is refused."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+import metrosep as ms
+from metrosep.errors import ReadError
+
+NS = 1e-9
+"""Stamps are whole nanoseconds."""
+Z = (1.25, 1.5, 1.75, 1.7, 1.1)  # um
+
+
+def _seconds(put, stamps):
+    rows = "".join(f"{t},{z}\n" for t, z in zip(stamps, Z, strict=False))
+    recording = ms.read(put("time,probe_um\n" + rows))
+    assert isinstance(recording, ms.Recording)
+    return [float(t) for t in recording.t]
+
+
+DAY = 86400.0
+READ = {
+    "the day rises, no other order has such months": (
+        ["25-03-28 12:00:00", "25-03-29 12:00:00", "25-04-01 12:00:00"],
+        [0.0, DAY, 4 * DAY],
+    ),
+    "even steps over midnight": (
+        ["25-03-01 23:59:58", "25-03-01 23:59:59", "25-03-02 00:00:00", "25-03-02 00:00:01"],
+        [0.0, 1.0, 2.0, 3.0],
+    ),
+    "all of one day": (["25-03-01 12:00:00", "25-03-01 12:00:01"], [0.0, 1.0]),
+    "summer time begins": (
+        ["2025-03-30T01:59:58+01:00", "2025-03-30T01:59:59+01:00", "2025-03-30T03:00:00+02:00"],
+        [0.0, 1.0, 2.0],
+    ),
+    "summer time ends": (
+        ["2025-10-26T02:59:58+02:00", "2025-10-26T02:59:59+0200", "2025-10-26T02:00:00+01:00"],
+        [0.0, 1.0, 2.0],
+    ),
+    "west of Greenwich, minutes too": (
+        ["2025-01-01T00:00:00-03:30", "2025-01-01T03:30:01Z", "2025-01-01T03:30:02Z"],
+        [0.0, 1.0, 2.0],
+    ),
+    "a century ends": (["31.12.99 23:59:59", "01.01.00 00:00:00"], [0.0, 1.0]),
+    "a leap second": (["2016-12-31 23:59:59", "2016-12-31 23:59:60"], [0.0, 1.0]),
+    "noon": (["1 March 2025 12:59:59 PM", "1 March 2025 01:00:00 PM"], [0.0, 1.0]),
+}
+
+
+@pytest.mark.parametrize("name", READ)
+def test_seconds_are_those_of_the_calendar(put, name):
+    stamps, seconds = READ[name]
+    assert _seconds(put, stamps) == pytest.approx(seconds, abs=NS)
+
+
+REFUSED = {
+    "year or day first": (
+        ["25-03-01 12:00:00", "25-03-02 12:00:00", "25-03-03 12:00:00"],
+        "begin with the year.*sampling_rate=",
+    ),
+    "zone in some rows": (
+        ["2025-03-01T12:00:00Z", "2025-03-01T12:00:01", "2025-03-01T12:00:02Z"],
+        "line 3: .*only some state their offset",
+    ),
+    "before any clock": (["2000-01-01 00:00:00", "1600-01-01 00:00:00"], "line 3: .*1900 to 2149"),
+    "hour 25": (["2025-03-01 12:00:00", "2025-03-01 25:59:58"], "line 3: .*not a time of day"),
+    "minute 75": (["12:15:58", "12:75:58"], "line 3: .*not a time of day"),
+    "second 73": (["12:15:58", "12:15:73"], "line 3: .*not a time of day"),
+    "13 PM": (["2025-03-01 12:59:59 PM", "2025-03-01 13:00:00 PM"], "line 3: .*not a time of day"),
+    "no month": (["29 May 2025 12:00:00", "30 Mayonnaise 2025 12:00:00"], "line 3: no order"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_no_calendar_says_is_refused_with_the_line(put, name):
+    stamps, reason = REFUSED[name]
+    with pytest.raises(ReadError) as refused:
+        _seconds(put, stamps)
+    assert re.search(reason, str(refused.value)), refused.value
+
+
+def test_a_clock_beside_dates_of_unknown_order_is_not_read_without_them(put):
+    rows = "25-03-01,12:00:00,1\n25-03-02,12:00:01,2\n25-03-04,12:00:02,3\n"
+    with pytest.raises(ReadError, match=r"line 2: .*begin with the year"):
+        ms.read(put("date,time,probe_um\n" + rows))
