@@ -10,7 +10,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import UnitError
-from metrosep.core.runset import SAME_FEED, RunSet
+from metrosep.core.runset import RunSet, feed_groups
 from metrosep.separation.runs._unknowns import Gain
 from metrosep.separation.runs.base import LINE_POINTS, FeedTerm, SampledCurve
 from metrosep.separation.runs.design import PreparedRun
@@ -246,13 +246,7 @@ def _lack_of_fit(speed: FloatArray, rest: FloatArray, n_parameters: int) -> dict
     """Test the means of the feedrates against the straight line (F, pure error within a feed)."""
     from scipy.stats import f as f_distribution
 
-    order = np.argsort(speed)
-    groups: list[list[int]] = []
-    for i in order:
-        if groups and speed[i] <= speed[groups[-1][0]] * (1.0 + SAME_FEED):
-            groups[-1].append(int(i))
-        else:
-            groups.append([int(i)])
+    groups = feed_groups([float(v) for v in speed])
     pure = sum(float(((rest[g] - rest[g].mean()) ** 2).sum()) for g in groups)
     between = sum(len(g) * float(rest[g].mean()) ** 2 for g in groups)
     top, bottom = len(groups) - n_parameters, rest.size - len(groups)
