@@ -185,8 +185,7 @@ def _separated(
 def turned_runs(files: tuple[str, ...], options: dict[str, Any]) -> RunSet | None:
     """Return continuous runs of an axis that turns as cycles; None where their positions are lengths."""
     from metrosep.core.units import parse_quantity
-    from metrosep.recipe.methods.turned import cell_of
-    from metrosep.separation.positions.pitch import celled_runs
+    from metrosep.recipe.methods.turned import cycles_of
 
     runs = read_runs_of(files, options, angles=True)
     if runs.metadata.get("unit") != "rad":
@@ -199,7 +198,7 @@ def turned_runs(files: tuple[str, ...], options: dict[str, Any]) -> RunSet | Non
     if options["spacing"] is None:
         raise click.UsageError('--spacing is needed over an angle, such as --spacing "5 deg"')
     spacing = parse_quantity(options["spacing"], dimension="angle", name="--spacing")
-    return celled_runs(runs, cell_of(spacing))
+    return cycles_of(runs, spacing)
 
 
 def _carried_of(
@@ -561,7 +560,7 @@ def _cells_of(loaded: Any) -> float | None:
 
     if not hasattr(loaded, "positions"):
         return None
-    steps = (s.parameters["step_rad"] for s in loaded.history if s.name == "cells")
+    steps = (s.parameters["step_rad"] for s in loaded.history if s.name in ("cells", "indexed"))
     spacing = float(np.median(np.diff(loaded.positions))) if is_rotary(loaded.axis) else None
     return next(steps, spacing and cell_of(spacing))
 

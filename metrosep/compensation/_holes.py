@@ -1,4 +1,4 @@
-"""Holes in the runs that a table is dry-run against: bridged where most other runs were measured."""
+"""Holes in the runs that a table is dry-run against: bridged where three other runs or more were measured."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from metrosep.compensation.measured import Curve, Measured
 from metrosep.core._arrays import FloatArray
 
 _HOLE, _LONG_STEP = 0.05, 2.5
+
+_WITNESSES = 3
+"""Other runs that must be measured in a hole: as many as a table needs, or nothing tells what repeats."""
 
 OF_RUNS = 0.5
 """Share of a run that must be measured inside the table."""
@@ -41,7 +44,7 @@ def without_holes(
     entries: FloatArray | None,
     units: AxisUnits,
 ) -> tuple[Measured, tuple[list[str], list[str]]]:
-    """Return the runs, a hole of one that most others cover bridged; what is refused, and warnings.
+    """Return the runs, a hole of one that three others cover bridged; what is refused, and warnings.
 
     In a hole a run takes the shape of the mean of those that were measured there, and a line on top
     that joins it to its own readings: a straight line across would count as an error of the table.
@@ -71,7 +74,7 @@ def without_holes(
                 f"run {row.name} was not measured between {units.place(a, digits=6)} and "
                 f"{units.place(b, digits=6)}"
             )
-            if 2 * len(there) > len(curves) and missing < OF_RUNS * (common[1] - common[0]):
+            if len(there) >= _WITNESSES and missing < OF_RUNS * (common[1] - common[0]):
                 others = [measured.rows[j].curves[d] for j in there]
                 n = len(curves) - sum(
                     way == d and low < b and high > a for _, way, low, high in bridged

@@ -17,6 +17,7 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.separation.positions.pitch import REFERENCE_DIRECTIONS
 from metrosep.separation.runs.base import ErrorEstimate
+from metrosep.separation.runs.design import lines_of_runs, on_common_grid
 
 __all__ = [
     "Against",
@@ -80,6 +81,7 @@ class Measured:
     sd: Callable[[FloatArray, int], FloatArray] | None = None
     # runs without a partner of the other direction, which are not compared
     unpaired: tuple[str, ...] = ()
+    parts: int = 0  # runs that were joined to rows, where the travel was measured part by part
 
     @property
     def directions(self) -> tuple[int, ...]:
@@ -114,6 +116,8 @@ def measured_error(
 
 def paired(runs: RunSet) -> tuple[list[tuple[int, ...]], list[int]]:
     """Return which runs make a row each, and those that are left over."""
+    if _is_in_parts(runs) and (passes := _passes(runs))[0]:
+        return passes
     if len(runs.directions) == 1:
         return [(i,) for i in range(len(runs))], []
     index = {id(run): i for i, run in enumerate(runs)}
@@ -133,13 +137,76 @@ def paired(runs: RunSet) -> tuple[list[tuple[int, ...]], list[int]]:
     return sorted(pairs), sorted(left)
 
 
+_WHOLE = 0.95
+"""Share of the travel from which a run covers it: the coverage that is demanded of a table."""
+
+
+def _is_in_parts(runs: RunSet) -> bool:
+    """Return whether the travel was measured part by part: no run covers it, and no place is in all."""
+    low, high = runs.full_travel
+    longest = max(float(np.ptp(r.x)) for r in runs)
+    ends = np.sort([(r.x[0], r.x[-1]) for r in runs], axis=1)
+    return longest < _WHOLE * (high - low) and not float(ends[:, 1].min()) > float(
+        ends[:, 0].max()
+    )
+
+
+def _passes(runs: RunSet) -> tuple[list[tuple[int, ...]], list[int]]:
+    """Return runs of parts that cover the travel together, each run once, and those left over."""
+    low, high = runs.full_travel
+    margin = (1.0 - _WHOLE) / 2.0 * (high - low)
+    chains: dict[int, list[tuple[int, ...]]] = {}
+    for d in runs.directions:
+        free = [i for i, r in enumerate(runs) if r.direction == d]
+        chains[d] = []
+        while True:
+            chain, reached = [], low + margin
+            while reached < high - margin:
+                # the one that begins first of those that carry on: what overlaps most
+                carries = [
+                    i
+                    for i in free
+                    if i not in chain and runs[i].x.min() < reached < runs[i].x.max()
+                ]
+                if not carries:
+                    break
+                chain.append(min(carries, key=lambda i: (float(runs[i].x.min()), i)))
+                reached = float(runs[chain[-1]].x.max())
+            if reached < high - margin:
+                break
+            chains[d].append(tuple(chain))
+            free = [i for i in free if i not in chain]
+    found = [sum(some, ()) for some in zip(*chains.values(), strict=False)]
+    used = {i for members in found for i in members}
+    return found, [i for i in range(len(runs)) if i not in used]
+
+
+def _joined_parts(runs: RunSet) -> tuple[FloatArray, Curve]:
+    """Return one pass over the travel: the mean of its parts, their lines fitted together."""
+    grid, table, _ = on_common_grid(runs, *runs.full_travel)
+    middle, half = 0.5 * (grid[0] + grid[-1]), 0.5 * (grid[-1] - grid[0])
+    line = np.column_stack([np.ones(grid.size), (grid - middle) / half])
+    lines, _ = lines_of_runs(runs, table, line, np.ones(grid.size, dtype=np.bool_))
+    # their mean is not determined by the parts: it stays in what was measured
+    level = table - (lines - lines.mean(axis=0)) @ line.T
+    seen = ~np.isnan(level).all(axis=0)
+    x, z = grid[seen], np.nanmean(level[:, seen], axis=0)
+    return x, lambda p: np.asarray(np.interp(p, x, z))
+
+
 def _of_runs(runs: RunSet, units: AxisUnits) -> Measured:
     pairs, left = paired(runs)
+    in_parts = _is_in_parts(runs) and max(map(len, pairs)) > len(runs.directions)
     rows = []
     for members in pairs:
         curves, places = {}, {}
-        for i in members:
-            places[runs[i].direction], curves[runs[i].direction] = _interpolated(runs[i])
+        for d in runs.directions:
+            some = [runs[i] for i in members if runs[i].direction == d]
+            places[d], curves[d] = (
+                _joined_parts(RunSet(some))
+                if in_parts and len(some) > 1
+                else _interpolated(some[0])
+            )
         name = " and ".join(_name(runs[i], i) for i in members)
         rows.append(Row(name, members, curves, places))
     names = [row.name for row in rows for _ in row.places]
@@ -157,6 +224,7 @@ def _of_runs(runs: RunSet, units: AxisUnits) -> Measured:
         "runs",
         knows_lost_motion=len(runs.directions) > 1,
         unpaired=tuple(_name(runs[i], i) for i in left),
+        parts=sum(map(len, pairs)) if in_parts else 0,
     )
 
 

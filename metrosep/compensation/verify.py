@@ -203,11 +203,16 @@ def dry_run(
     both += predicted
     reasons += [*beyond, *both]
     warnings += [*more, *result.warnings]
-    if measured.unpaired:
+    if measured.parts:
         warnings.append(
-            f"run {', '.join(measured.unpaired)} has no partner of the other direction at its feed and "
-            "is not compared"
+            f"the travel was measured part by part: {measured.parts} runs are judged as "
+            f"{len(measured.rows)} passes over it, lines of the parts fitted together"
         )
+    if measured.unpaired:
+        lacks = (
+            "parts beside it" if measured.parts else "partner of the other direction at its feed"
+        )
+        warnings.append(f"run {', '.join(measured.unpaired)} has no {lacks} and is not compared")
     known_to = sd or measured.sd if how == "estimate" else None
     residuals = tuple(_residual(d, stack, known_to) for d in measured.directions)
     own = not np.array_equal(correction(grids[0], 1), correction(grids[0], -1))

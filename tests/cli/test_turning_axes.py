@@ -198,3 +198,47 @@ def test_a_sidecar_of_another_program_is_named_and_no_bug(tmp_path, metrosep):
     assert code == 4, told
     assert "c-c.csv.json" in told
     assert "it is not the sidecar of a table" in told
+
+
+def indexed_file(path, step, *, runs=4, seed=5):
+    """Write runs both ways that stopped at indexed positions, with the rounding of the encoder."""
+    rng = np.random.default_rng(seed)
+    rows = ["run,c_deg,z_arcsec"]
+    for k in range(runs):
+        zero = rng.normal(0, 3)
+        for way in (1, -1):
+            at = np.arange(0.0, 360.5, step)[::way]
+            z = error(at, way) + zero + rng.normal(0, NOISE, at.size)
+            at = at + rng.normal(0, 1e-4, at.size)
+            rows += [f"{2 * k + (way < 0)},{a:.5f},{v:.4f}" for a, v in zip(at, z, strict=True)]
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(("step", "spacing"), [(30, 30), (20, 40), (15, 30)])
+def test_readings_at_indexed_positions_become_the_table_at_these(
+    tmp_path, metrosep, step, spacing
+):
+    file, out = indexed_file(tmp_path / "c.csv", step), tmp_path / "c-c.csv"
+    call = (*CALL[:6], "--spacing", f"{spacing} deg", "--format", "csv", "--axis", "C")
+    code, _, told = metrosep("table", file, *call, "-o", out)
+    assert code == 0, told
+    assert "targets stand at equal steps" in told  # nothing was read between them
+    header, rows = entries(out)
+    assert header.startswith("position_rad,correction_forward_urad,correction_reverse_urad")
+    at, c = np.degrees(rows[:, 0]), rows[:, 1:] * 1e-6 / ARCSEC
+    assert np.abs(at - np.arange(0, 361, spacing)).max() < 1e-3
+    for way, column in ((1, c[:, 0]), (-1, c[:, 1])):
+        assert np.abs(column + error(at, way) - error(0.0)).max() < 3 * NOISE
+    assert metrosep("verify", out, "--against", file, *CALL[:6])[0] == 0
+
+
+@pytest.mark.parametrize("spacing", [10, 15, 45])
+def test_a_spacing_between_indexed_positions_names_one_that_works(tmp_path, metrosep, spacing):
+    file = indexed_file(tmp_path / "c.csv", 30, runs=2)
+    call = (*CALL[:6], "--spacing", f"{spacing} deg", "--format", "csv", "--axis", "C")
+    code, _, told = metrosep("table", file, *call, "-o", tmp_path / "c-c.csv")
+    assert code != 0
+    assert "the 13 positions that were read are 0, 30, 60, 90, ... 360 deg" in told
+    assert "take the spacing 30 deg or a multiple" in told
+    assert not (tmp_path / "c-c.csv").exists()

@@ -209,18 +209,25 @@ def test_hole_in_one_run_that_the_others_cover_is_judged_by_them(direction):
     )
 
 
-@pytest.mark.parametrize("holes", [3, 4])
-def test_hole_that_most_runs_share_is_refused(holes):
+@pytest.mark.parametrize(("holes", "witnesses"), [(2, 3), (3, 2)])
+def test_hole_that_fewer_than_three_runs_cover_is_refused(holes, witnesses):
     against = RunSet(
         Run(X, holed(X, wave(X)) if i < holes else wave(X), feed=0.1, run_id=f"r{i}")
         for i in range(5)
     )
+    right, flipped = table(lambda p: -wave(p)), table(wave)
 
-    with pytest.raises(SignCheckFailedError, match=r"'r0' was not measured between"):
-        table(lambda p: -wave(p)).verify(against)
+    if witnesses < 3:
+        with pytest.raises(SignCheckFailedError, match=r"'r0' was not measured between"):
+            right.verify(against)
+    else:
+        said = [f.problem for f in right.verify(against).findings]
+        assert any("'r0' was not measured" in s and "by the 3 runs that were" in s for s in said)
+        with pytest.raises(SignCheckFailedError, match="does not shrink"):
+            flipped.verify(against)
 
 
-@pytest.mark.parametrize("holes", [1, 2, 4])
+@pytest.mark.parametrize("holes", [1, 4, 6])
 def test_runs_with_a_hole_are_no_witnesses_there(holes):
     """Disturbances that live inside the hole: n runs of which m show them scatter as m runs do."""
     n, low, high = 9, 21e-3, 26e-3

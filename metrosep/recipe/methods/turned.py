@@ -13,9 +13,22 @@ from metrosep.core.options import Option
 from metrosep.core.runset import RunSet
 from metrosep.core.units import parse_quantity
 from metrosep.separation.positions.expansion import Expansion
-from metrosep.separation.positions.pitch import PitchErrors, celled_runs, pitch_errors_of
+from metrosep.separation.positions.pitch import (
+    PitchErrors,
+    celled_runs,
+    pitch_errors_of,
+    require_read,
+)
 
-__all__ = ["AVERAGED", "TurnedError", "TurnedRuns", "cell_of", "lengths_only", "turning_axis"]
+__all__ = [
+    "AVERAGED",
+    "TurnedError",
+    "TurnedRuns",
+    "cell_of",
+    "cycles_of",
+    "lengths_only",
+    "turning_axis",
+]
 
 AVERAGED = (
     'over an angle the runs are averaged: leave the key out; method = "mean" is all that is needed'
@@ -31,6 +44,13 @@ def turning_axis(outputs: Iterable[Mapping[str, Any]]) -> str | None:
 def cell_of(spacing: float) -> float:
     """Return the width of the cells that runs are averaged in, for a table of a spacing."""
     return spacing / 4.0
+
+
+def cycles_of(runs: RunSet, spacing: float) -> RunSet:
+    """Return runs of an axis that turns as the cycles that a table of a spacing is made of."""
+    cycles = celled_runs(runs, cell_of(spacing))
+    require_read(cycles, spacing)
+    return cycles
 
 
 def lengths_only(axis: str) -> DataError:
@@ -50,7 +70,7 @@ class TurnedError:
     errors : PitchErrors
         Of each direction, zero at the reference of the first table.
     cycles : RunSet
-        The runs, averaged in cells of a quarter of the spacing.
+        The runs, averaged in cells of a quarter of the spacing, or at the positions that were read.
     """
 
     errors: PitchErrors
@@ -77,7 +97,7 @@ class TurnedRuns(Method):
         if data.metadata.get("unit") != "rad":
             raise lengths_only(turning_axis(tables) or "C")
         spacing = min(parse_quantity(t["spacing"], dimension="angle") for t in tables)
-        cycles = celled_runs(data, cell_of(spacing))
+        cycles = cycles_of(data, spacing)
         errors = pitch_errors_of(
             cycles,
             reference=float(tables[0].get("reference", 0.0)),

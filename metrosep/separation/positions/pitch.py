@@ -24,6 +24,7 @@ __all__ = [
     "cycle_runs",
     "pitch_errors",
     "pitch_errors_of",
+    "require_read",
     "require_unit",
 ]
 
@@ -402,13 +403,19 @@ _FEWEST_IN_CELL = 4
 """Samples of a cell from which its line is fitted; fewer are joined by straight lines."""
 _SLACK = 0.1
 """Of a cell: a run that ends so little before its last place holds that place."""
+_SAME_STOP = 0.01
+"""Of the step of indexed positions: readings so near each other are of one position."""
 
 
 def celled_runs(runs: RunSet, step: float) -> RunSet:
-    """Return continuous runs of an axis that turns as cycles at the multiples of a step, rad.
+    """Return runs of an axis that turns as cycles: continuous ones at the multiples of a step, rad.
 
-    Readings are those of the line through the samples of a cell; the places lie in all runs.
+    Readings are those of the line through the samples of a cell; the places lie in all runs. Readings
+    further apart than a step were taken at indexed positions: these are the places, and nothing is
+    put between them.
     """
+    if indexed := _indexed(runs, step):
+        return indexed
     low = max(float(r.x.min()) for r in runs) - _SLACK * step
     high = min(float(r.x.max()) for r in runs) + _SLACK * step
     first, last = math.ceil(low / step), math.floor(high / step)
@@ -427,6 +434,65 @@ def celled_runs(runs: RunSet, step: float) -> RunSet:
         made.append(Run(at, _at_places(x, z, at, step), run_id=run.run_id))
     told = Step("cells", {"step_rad": step})
     return RunSet(made, metadata=runs.metadata, history=(*runs.history, told))
+
+
+def _indexed(runs: RunSet, step: float) -> RunSet | None:
+    """Return runs at the positions that each direction has readings of; None if read all along."""
+    usual = min(float(np.median(np.abs(np.diff(r.x)))) for r in runs)
+    if usual <= step * (1.0 + _SAME_PLACE):
+        return None
+    near = _SAME_STOP * usual
+    stops = np.sort(np.concatenate([r.x for r in runs]))
+    starts = np.flatnonzero(np.diff(stops, prepend=-np.inf) > near)
+    places = np.array([float(np.median(part)) for part in np.split(stops, starts[1:])])
+    even = step * np.round(places / step)  # 29.9999 deg read is the target 30 deg
+    places = np.where(np.abs(places - even) <= near, even, places)
+    rows = np.full((len(runs), places.size), np.nan)
+    for row, run in zip(rows, runs, strict=True):
+        row[np.abs(run.x[:, None] - places).argmin(axis=1)] = run.z
+    seen = [~np.isnan(rows[[r.direction == d for r in runs]]).all(axis=0) for d in runs.directions]
+    kept = np.logical_and.reduce(seen)
+    if kept.sum() < 3:
+        raise DataError(
+            f"only {int(kept.sum())} positions were read in each direction: three are needed; read all "
+            "runs at the same positions"
+        )
+    made = [
+        Run(places[kept][:: r.direction], row[kept][:: r.direction], run_id=r.run_id)
+        for r, row in zip(runs, rows, strict=True)
+    ]
+    told = Step("indexed", {"step_rad": step})
+    return RunSet(made, metadata=runs.metadata, history=(*runs.history, told))
+
+
+def require_read(cycles: RunSet, spacing: float) -> None:
+    """Refuse a spacing in rad whose entries fall between the indexed positions of cycles."""
+    if any(s.name == "cells" for s in cycles.history):
+        return
+    x = np.sort(cycles[0].x)
+    steps = np.diff(x)
+    near = _SAME_STOP * float(steps.min())
+
+    def fits(width: float) -> bool:
+        n = math.floor((x[-1] - x[0]) / width * (1.0 + _SAME_PLACE))
+        entries = x[0] + width * np.arange(n + 1)
+        return n >= 1 and float(np.abs(entries[:, None] - x).min(axis=1).max()) <= near
+
+    if fits(spacing):
+        return
+    found = [float(v - x[0]) for v in x[1:] if fits(float(v - x[0]))]
+    usual = next((v for v in found if v <= 0.5 * (x[-1] - x[0])), None)
+    way = (
+        f"take the spacing {math.degrees(usual):.4g} deg or a multiple"
+        if usual is not None
+        else "read at equal steps, or all along"
+    )
+    some = ", ".join(f"{math.degrees(v):.4g}" for v in x[:4])
+    raise DataError(
+        f"the {x.size} positions that were read are {some}{', ...' if x.size > 5 else ','} "
+        f"{math.degrees(x[-1]):.4g} deg, and a table with a spacing of {_shown(spacing, 'rad')} has "
+        f"entries between them, where nothing was read: {way}"
+    )
 
 
 def _at_places(x: FloatArray, z: FloatArray, at: FloatArray, step: float) -> FloatArray:
