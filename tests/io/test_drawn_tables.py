@@ -198,3 +198,16 @@ def test_bars_are_a_frame_where_one_was_drawn_else_empty_cells(put, above, n_row
     assert np.isnan(table.columns[0].values).all() == bool(column)
     np.testing.assert_array_equal(table.columns[column].values, np.tile(X, 4)[:n_rows])
     np.testing.assert_array_equal(table.columns[column + 1].values, np.tile(Z, 4)[:n_rows])
+
+
+@pytest.mark.parametrize(("between", "said"), [(["# pause"], True), (["+----+----+"], False)])
+def test_a_frame_does_not_hide_a_line_that_stands_between_samples(tmp_path, between, said):
+    """Three lines of the frame lie outside the rows: they explain no gap within."""
+    rule = "+----+----+"
+    rows = [f"| {z} | {x} |" for x, z in zip(X, Z, strict=True)]
+    text = [rule, "| z_um | w_um |", rule, *rows[:2], *between, *rows[2:], rule]
+    path = tmp_path / "drawn.txt"
+    path.write_text("\n".join(text) + "\n")
+    found = ms.read(path, sampling_rate="100 Hz")
+    assert np.abs(found.channels["z_um"] * 1e6 - Z).max() < PM
+    assert any("stands between the rows" in w for w in found.metadata["warnings"]) is said

@@ -537,7 +537,7 @@ def interruption(table: Table) -> tuple[str, ...]:
     gaps = np.flatnonzero(np.diff(table.lines) > 1)
     if not gaps.size or "separator" not in table.header:
         return ()
-    if np.sum(np.diff(table.lines)[gaps] - 1) <= table.ledger.get("rule", 0):
+    if np.sum(np.diff(table.lines)[gaps] - 1) <= _rules_between(table):
         return ()  # nothing but lines drawn between the rows
     first = int(table.lines[gaps[0]]) + 1
     return (
@@ -546,6 +546,17 @@ def interruption(table: Table) -> tuple[str, ...]:
             "has no column of time; if samples were lost there, all later ones are too early"
         ),
     )
+
+
+def _rules_between(table: Table) -> int:
+    """Return how many drawn lines stand neither above nor below the rows."""
+    listed = table.ledger.get("listed", {}).get("rule", {}).get("numbers", "")
+    n = int(table.ledger.get("rule", 0))
+    for part in filter(None, listed.split(", ")):
+        first, _, last = part.partition("-")
+        if int(first) < table.lines[0] or int(first) > table.lines[-1]:
+            n -= int(last or first) - int(first) + 1
+    return n
 
 
 def cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:
