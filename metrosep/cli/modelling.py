@@ -42,7 +42,7 @@ Examples:
     multiple=True,
     metavar="AXIS=ANGLE",
     help='Where an axis of rotation is locked while the part is cut, "A=0 deg"; one that carries the part and '
-    "is left out turns it, as a spindle does.",
+    "is not named turns it, as a spindle does.",
 )
 @click.option(
     "--error",

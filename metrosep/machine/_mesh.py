@@ -263,7 +263,7 @@ def _how_to_lock(spindles: list[Any]) -> str:
     pairs = ", ".join(f'{e.name} = "0 deg"' for e in spindles)
     return (
         f"State where the axes of rotation are locked while the part is cut: at = {{ {pairs} }}; the one "
-        "with the part on it that is left out turns it, as a spindle does. "
+        "with the part on it that is not named turns it, as a spindle does. "
     )
 
 
@@ -305,7 +305,7 @@ def _locked(
         names = ", ".join(e.name for e in free)
         raise DataError(
             f"where {names} stand while the part is cut is not stated; only one axis of rotation, which "
-            f"carries the part, may be left out. {_how_to_lock(free)}".rstrip()
+            f"carries the part, need not be named. {_how_to_lock(free)}".rstrip()
         )
     if free:
         locked[free[0].name] = _turned(chain, free[0], locked, x, y)
@@ -331,7 +331,7 @@ def _turned(
     turn = float(spindle.direction[2])
     if abs(abs(turn) - 1.0) > _PARALLEL:
         raise DataError(
-            f"{spindle.name} does not turn the part about its z and is no spindle; state where it is locked"
+            f"{spindle.name} does not turn the part about its z and is not a spindle; state where it is locked"
         )
     return np.asarray(-np.sign(turn) * np.arctan2(y, x))
 

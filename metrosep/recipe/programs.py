@@ -100,7 +100,12 @@ def write_programs(
             )
         tell(f"writing {name}")
         names += [name, f"{name}.json"]
-        said += _written(output, program, nose, produced, folder / name)
+        try:
+            said += _written(output, program, nose, produced, folder / name)
+        except MetrosepError as exc:
+            if name not in str(exc):  # a recipe may write several
+                exc.args = (f"{name}: {exc}", *exc.args[1:])
+            raise
     return names, said
 
 

@@ -304,7 +304,9 @@ _OF_READERS = frozenset(
     }
 )  # fmt: skip
 """Arguments of readers that ``metrosep convert`` takes with ``--set``."""
-_READ_RUNS = re.compile(r",? or read repeated runs with read_runs\([^()]*\)")
+_READ_RUNS = re.compile(
+    r",? or read repeated runs with metrosep\.read_runs\([^()]*\) or metrosep separate [^;]*"
+)
 """A way out that is a call of Python; a recipe of another step does it."""
 _CONVERT = (
     "; what --set names is not a key of [input]: metrosep convert takes it, then run the recipe on the "

@@ -118,4 +118,7 @@ def test_check_of_a_table_has_no_option_within_a_call(tmp_path, capsys):
     path.write_text("a,b,c\n1,2,3\n4,5,7\n7,8,9\n")
     with pytest.raises(SystemExit):
         main(["check", str(path)])
-    assert "read_runs(x=, z=, run=, feed=)" in capsys.readouterr().out
+    assert (
+        "metrosep.read_runs(x=, z=, run=) or metrosep separate FILE --x COLUMN"
+        in capsys.readouterr().out
+    )

@@ -129,7 +129,7 @@ def test_the_report_of_a_map_with_a_defect_shows_it(tmp_path):
     lowest = min(v for p in sections["panels"] for v in p["curves"][0]["y"] if v is not None)
     assert lowest < -85 * NM
     histogram = next(c for c in charts if c["title"] == "Distribution of heights")
-    assert "1 heights below" in histogram["caption"]
+    assert "1 height below" in histogram["caption"]
     share = histogram["panels"][1]["curves"][0]["y"]
     assert share[0] > 0.999
     assert share[-1] == pytest.approx(0.0, abs=1e-3)

@@ -97,7 +97,7 @@ _TOOL = Option("lengths", help="tool point x, y, z in the frame of the last elem
 _AT = Option(
     "table",
     help='where axes of rotation are locked while the part is cut, { A = "0 deg", C = "30 deg" }; one that '
-    "carries the part and is left out turns it, as a spindle does",
+    "carries the part and is not named turns it, as a spindle does",
 )
 _THRESHOLD = Option("number", help="terms whose shapes are more alike than this are a group")
 _INNER_RADIUS = Option("size", help="of the part, where it has a hole")
