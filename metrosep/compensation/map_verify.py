@@ -34,9 +34,8 @@ from metrosep.compensation.area_errors import (
     format_range,
 )
 from metrosep.compensation.limits import Finding
-from metrosep.compensation.measured import source_hashes
+from metrosep.compensation.measured import COVERED, source_hashes
 from metrosep.compensation.verification import judgement_dict, numbers_text
-from metrosep.compensation.verify import COVERED
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.surface import Surface

@@ -17,9 +17,10 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.separation.positions.pitch import REFERENCE_DIRECTIONS
 from metrosep.separation.runs.base import ErrorEstimate
-from metrosep.separation.runs.design import lines_of_runs, on_common_grid
+from metrosep.separation.runs.design import lines_of_runs, on_common_grid, travel_of
 
 __all__ = [
+    "COVERED",
     "Against",
     "Curve",
     "Folds",
@@ -137,24 +138,21 @@ def paired(runs: RunSet) -> tuple[list[tuple[int, ...]], list[int]]:
     return sorted(pairs), sorted(left)
 
 
-_WHOLE = 0.95
-"""Share of the travel from which a run covers it: the coverage that is demanded of a table."""
+COVERED = 0.95
+"""Share of a travel that is demanded of the readings of a table, and from which one run covers it."""
 
 
 def _is_in_parts(runs: RunSet) -> bool:
     """Return whether the travel was measured part by part: no run covers it, and no place is in all."""
     low, high = runs.full_travel
     longest = max(float(np.ptp(r.x)) for r in runs)
-    ends = np.sort([(r.x[0], r.x[-1]) for r in runs], axis=1)
-    return longest < _WHOLE * (high - low) and not float(ends[:, 1].min()) > float(
-        ends[:, 0].max()
-    )
+    return longest < COVERED * (high - low) and travel_of(runs) == (low, high)
 
 
 def _passes(runs: RunSet) -> tuple[list[tuple[int, ...]], list[int]]:
     """Return runs of parts that cover the travel together, each run once, and those left over."""
     low, high = runs.full_travel
-    margin = (1.0 - _WHOLE) / 2.0 * (high - low)
+    margin = (1.0 - COVERED) / 2.0 * (high - low)
     chains: dict[int, list[tuple[int, ...]]] = {}
     for d in runs.directions:
         free = [i for i, r in enumerate(runs) if r.direction == d]

@@ -30,6 +30,7 @@ from metrosep.compensation._holes import OF_RUNS, spacing_of, without_holes
 from metrosep.compensation.area_errors import LENGTHS, AxisUnits, format_amount, is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import (
+    COVERED,
     Against,
     Folds,
     Measured,
@@ -52,7 +53,6 @@ from metrosep.core.runset import RunSet
 from metrosep.separation.positions.expansion import Expansion
 
 __all__ = [
-    "COVERED",
     "REVERSED",
     "Against",
     "DirectionResidual",
@@ -628,8 +628,6 @@ def _scatter(shares: FloatArray) -> float:
 
 
 # ---- the share of the table that was measured ---------------------------------------------------
-
-COVERED = 0.95
 
 
 def _coverage(

@@ -124,7 +124,7 @@ def _given(centre: Any, obj: Measured) -> tuple[float, float]:
 
 
 def _span(values: FloatArray) -> str:
-    return f"{format_ends(float(values.min()), float(values.max()), between=' to ')}"
+    return format_ends(float(values.min()), float(values.max()), between=" to ")
 
 
 # ---- outliers of a map or profile: heights that stand far from their neighbours ----------------

@@ -23,12 +23,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.atomic import atomic_write, read_plain
-from metrosep.core.errors import (
-    CorruptFileError,
-    DataError,
-    FileMissingError,
-    ReadError,
-)
+from metrosep.core.errors import CorruptFileError, DataError, FileMissingError, ReadError
 from metrosep.core.provenance import Step
 from metrosep.core.public import PublicObject, shortened
 from metrosep.core.runset import Run, RunSet

@@ -461,7 +461,7 @@ def _thin(runs: RunSet, first: float, last: float) -> list[str]:
     if not parts:
         return []
     fewest = min(parts, key=lambda part: part[2])
-    where = f"{format_ends(fewest[0], fewest[1])}"
+    where = format_ends(fewest[0], fewest[1])
     text = (
         f"not all runs reach {format_ends(parts[0][0], parts[-1][1])}"
         if len(parts) == 1
