@@ -35,6 +35,12 @@ _MOST, _USUAL, _FEWEST_AZIMUTHS = 5_000_000, 300_000, 12
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 """Share of the azimuth step by which each radius is turned: no two come to lie on a line."""
 _BLOCK = 1 << 17
+_SECTORS, _MOST_HOLLOWS, _SEARCHED = 12, 12, 2
+"""Of a turn, hollows that are looked at for what stays in them, and those whose deepest azimuth is sought."""
+_TIPS, _LEVELS, _PER_RADIUS = 17, 4, 80
+"""Tips between which the contact jumps, each level 16 times closer; samples of the edge for them."""
+_MOST_TURNS, _CLOSEST = 10, 2.5e-3
+"""Steps about the axis to the deepest azimuth, down to that of the nose radius."""
 _HALVINGS, _SETTLED = 20, 0.01
 """Of the step of a derivative, from 1e-3 R down, until half of it agrees within 1 %."""
 
@@ -60,7 +66,8 @@ class NoseCheck(Frozen):
     audit : mapping
         Mesh and nose.
     left : float, m
-        Height that stays at the worst place where the nose cannot reach; 0 where it fits.
+        Greatest height that stays where the nose cannot reach; 0 where it fits. With rake the greater of
+        both ways of the tool.
     step : float, m
         Radial step of the mesh; NaN where hollows are not what is checked.
 
@@ -123,8 +130,8 @@ def gouge_check(
     -------
     NoseCheck
         ``worst`` is the concave radius of curvature at the worst place (infinite without hollows),
-        ``limit`` the tip radius of the projected nose, ``left`` the height that stays there above
-        the surface when the nose cannot reach it, ``step`` the radial step of the mesh. A mesh
+        ``limit`` the tip radius of the projected nose, ``left`` the greatest height that stays above
+        the surface where the nose cannot reach it, ``step`` the radial step of the mesh. A mesh
         that is coarser than a quarter of the smallest length of the form is not ok.
 
     Raises
@@ -177,13 +184,15 @@ def gouge_check(
     coarse = step > 0.25 * length
     left = 0.0
     if bad:
-        left = _left(form, nose, where, float(theta[at]))
+        shape = n_rho, n_theta
+        mesh = tuple(v.reshape(shape) for v in (rho, theta, share))
+        left, *place = _left(form, nose, mesh, step)
         size = format_length(worst) if resolved else "0 (a kink)"
         first = (
             f"the nose gouges: its tip radius {format_length(nose.tip_radius)} is larger than the "
             f"concave radius {size} of the {form.name} at {_place(where, theta[at])} ({bad} points "
-            f"of the mesh); a path that gouges nothing leaves {format_length(left)} there; take a "
-            "smaller nose"
+            f"of the mesh); a path that gouges nothing leaves up to {format_length(left)}, at "
+            f"{_place(*place)}; take a smaller nose"
         )
         said.insert(0, first)
     elif coarse:
@@ -261,25 +270,102 @@ def _sharpest(form: Form, rho: float, theta: float, step: float) -> tuple[float,
     return rho, last, settled == 2 or last <= 0.0
 
 
-def _left(form: Form, nose: RoundNose, rho: float, theta: float) -> float:
-    """Return the height that stays at a place when the tool cuts nothing of the surface, m."""
-    height = float(form.height(*(np.array([rho * f(theta)]) for f in (math.cos, math.sin)))[0])
-    found = [0.0]
-    for sense in ("counterclockwise", "clockwise") if nose.needs_sense else ("counterclockwise",):
-        edge = Edge.of(nose, sense)
-        psi, cut = np.linspace(edge.low, edge.high, 2001), np.full(1, np.nan)
-        for _ in range(2):  # all of the edge, then about the best
-            ex, ey, ez = edge.point(psi)
-            at = np.sqrt(np.maximum(rho * rho - ey * ey, 0.0))
-            turned, step = theta - np.arctan2(ey, at), nose.radius / 400.0
-            made = tips(form, at - ex, turned, edge, strict=False, step=step)
-            cut = made.z + ez
-            if np.isnan(cut).all():
+def _left(
+    form: Form, nose: RoundNose, mesh: tuple[FloatArray, FloatArray, FloatArray], step: float
+) -> tuple[float, float, float]:
+    """Return the greatest height that stays when the tool cuts nothing of the surface, m, and its place."""
+    rho, theta, share = mesh
+    at = _hollows(share, step, nose)
+    rho, theta = rho.ravel()[at], theta.ravel()[at]
+    best = (0.0, float(rho[0]), float(theta[0]))
+    turn = 2.0 * math.pi / share.shape[1]
+    ways = get_args(Sense) if nose.needs_sense else get_args(Sense)[:1]
+    for edge in (Edge.of(nose, way) for way in ways):
+        found = _bridged(form, edge, rho, theta)
+        chosen = np.argsort(-found[0])[:_SEARCHED]
+        found, width = found[:, chosen], np.full(chosen.size, turn)
+        for _ in range(_MOST_TURNS):
+            around = found[2] + np.outer([-1.0, -0.5, 0.5, 1.0], width)
+            beside = np.tile(found[1], 4)
+            made = _bridged(form, edge, beside, around.ravel()).reshape(3, 4, -1)
+            top = np.argmax(made[0], axis=0)
+            made = made[:, top, np.arange(top.size)]
+            higher = made[0] > found[0]
+            found = np.where(higher, made, found)
+            width = np.where(higher, width, 0.25 * width)
+            if not (width * found[1] > _CLOSEST * edge.radius).any():
                 break
-            best = int(np.nanargmin(cut))
-            psi = np.linspace(psi[max(best - 2, 0)], psi[min(best + 2, psi.size - 1)], 201)
-        found.append(float(np.fmin.reduce(cut)) - height)
-    return float(np.fmax.reduce(found))
+        best = max(best, *zip(*found.tolist(), strict=True))
+    return best
+
+
+def _hollows(share: FloatArray, step: float, nose: RoundNose) -> NDArray[np.intp]:
+    """Return mesh points amid the hollows that leave most: by width, and by what is missing to the nose."""
+    n_rho, n_theta = share.shape
+    excess = np.zeros((n_theta, n_rho + 1))  # each azimuth ends with a point that fits
+    excess[:, :-1] = np.fmax(share.T - 1.0, 0.0)
+    inside = np.concatenate([[False], excess.ravel() > 0.0, [False]])
+    if not inside.any():  # a share of exactly 1
+        return np.array([np.nanargmax(share)])
+    turns = np.diff(inside.astype(np.int8))
+    begin, end = np.flatnonzero(turns == 1), np.flatnonzero(turns == -1)
+    total = np.concatenate([[0.0], np.cumsum(excess.ravel())])
+    score = (total[end] - total[begin]) * (end - begin)
+    column, row = np.divmod((begin + end - 1) // 2, n_rho + 1)
+    cells: dict[tuple[int, int], int] = {}
+    wide = max(1, round(0.25 * nose.radius / step)), max(1, n_theta // _SECTORS)
+    for k in np.argsort(-score, kind="stable"):
+        cells.setdefault(
+            (int(row[k]) // wide[0], int(column[k]) // wide[1]), int(row[k] * n_theta + column[k])
+        )
+        if len(cells) == _MOST_HOLLOWS:
+            break
+    return np.array(list(cells.values()))
+
+
+def _bridged(form: Form, edge: Edge, rho: FloatArray, theta: FloatArray) -> FloatArray:
+    """Return the greatest height under the edge that bridges hollows at places, and where: rows m, m, rad.
+
+    The lowest tips that cut nothing touch on one side of a hollow, or on the other; where the contact
+    jumps the edge stands on both, and no other passes lower between.
+    """
+    _, slope, across = polar_slopes(form, rho, theta)
+    x, y, _ = edge.point(np.arctan2(slope, edge.up + edge.lean * across))
+    phi = theta - np.arctan2(y, rho)
+    low, high = rho - x - edge.radius, rho - x + edge.radius
+    shares = np.linspace(0.0, 1.0, _TIPS)
+    row, step = np.arange(rho.size), edge.radius / _PER_RADIUS
+    for level in range(_LEVELS):
+        X = low[:, None] + np.outer(high - low, shares)
+        made = tips(form, X.ravel(), np.repeat(phi, _TIPS), edge, strict=False, step=step)
+        touched = made.rho.reshape(X.shape)
+        if level:
+            jump = np.diff(touched, axis=1)
+        else:
+            jump = np.where((touched[:, :-1] < rho[:, None]) & (touched[:, 1:] > rho[:, None]), 1.0, 0.0)
+        k = np.argmax(np.where(np.isnan(jump), 0.0, jump), axis=1)
+        lost = ~(jump[row, k] > 0.0)
+        low, high = X[row, k], X[row, k + 1]
+    z, rise, psi = (v.reshape(X.shape) for v in (made.z, made.along_x, made.psi))
+    (za, zb), (sa, sb) = ((v[row, k], v[row, k + 1]) for v in (z, rise))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.clip((za - zb + sb * (high - low)) / ((sb - sa) * (high - low)), 0.0, 1.0)
+    X0 = low + np.where(np.isnan(share), 0.5, share) * (high - low)
+    stands = tips(form, X0, phi, edge, strict=False, step=step).z
+    begin, end = psi[row, k], psi[row, k + 1]
+    for _ in range(3):
+        at = begin + np.outer(shares, end - begin)
+        ex, ey, ez = edge.point(at)
+        c, s = np.cos(phi), np.sin(phi)
+        px, py = (X0 + ex) * c - ey * s, (X0 + ex) * s + ey * c
+        under = stands + ez - form.height(px.ravel(), py.ravel()).reshape(px.shape)
+        k = np.argmax(np.where(np.isnan(under), -np.inf, under), axis=0)
+        best = np.stack([v[k, row] for v in (under, np.hypot(px, py), np.arctan2(py, px))])
+        begin, end = at[np.maximum(k - 1, 0), row], at[np.minimum(k + 1, _TIPS - 1), row]
+    # the azimuth near that of the place, so that steps about it stay small
+    best[2] = theta + np.remainder(best[2] - theta + math.pi, 2.0 * math.pi) - math.pi
+    best[0, lost | np.isnan(best[0])] = 0.0
+    return np.where(np.isnan(best), np.stack([rho, rho, theta]), best)
 
 
 @described_by(gouge_check)
