@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import FloatArray, way
 from metrosep.core.errors import (
     AmbiguousFormatError,
     DataError,
@@ -343,7 +343,9 @@ class _Made:
         column, unit = pick(self.file, self.table, spec, role=role)
         self.used[role] = column.name
         factor = self.scale if role == "z" else None
-        return to_si(self.file, column, unit, dimension="length", role=role, scale=factor)
+        values = to_si(self.file, column, unit, dimension="length", role=role, scale=factor)
+        values.setflags(write=False)  # made here, so that the object need not copy them
+        return values
 
     def described(self, *, is_profile: bool = False) -> dict[str, Any]:
         """Return metadata and history, which go on from those that metrosep wrote above the table."""
@@ -697,9 +699,9 @@ def _refuse_two_positions(file: RawFile, x: Column, z: Column) -> None:
 
 def _is_monotonic(values: FloatArray | None, *, strictly: bool = True) -> bool:
     values = np.empty(0) if values is None else values
-    if strictly:
-        steps = np.diff(values)
-        return bool(steps.size) and bool((steps > 0.0).all() or (steps < 0.0).all())
+    rises = way(values) != 0
+    if rises or strictly:
+        return rises
     steps = np.diff(values[~np.isnan(values)])
     return bool((steps >= 0.0).all() or (steps <= 0.0).all())
 

@@ -362,7 +362,7 @@ class TextTable:
             return
         with file.stream() as handle:
             raw = handle.read(_BLOCK)
-            top = _plain(file, raw[: raw.rfind(_end_of(raw)) + 1], self._encoding, 1)
+            top = _plain(file, raw[: raw.rfind(_end_of(raw)) + 1], self._encoding, 0)
             self._first_part = top[:_FIRST_PART]
             top = unframed(top, self._first_part)
             further: list[str] = []
@@ -402,7 +402,7 @@ class TextTable:
             yield self._text, True
             return
         mark = _end_of(self._file.head)
-        left, n_lines = b"", 0
+        left, n_bytes = b"", 0
         with self._file.stream() as handle:
             data = handle.read(_BLOCK)
             while data:
@@ -416,9 +416,9 @@ class TextTable:
                     raise FormatMismatchError(
                         f"{self._file.path}: holds a line longer than {_BLOCK} bytes: not a table"
                     )
-                part = _plain(self._file, raw, self._encoding, n_lines + 1)
+                part = _plain(self._file, raw, self._encoding, n_bytes)
                 yield unframed(part, self._first_part), not follows
-                n_lines += raw.count(mark)
+                n_bytes += len(raw)
 
 
 _BLOCK = 2**22
@@ -430,11 +430,16 @@ def _end_of(head: bytes) -> bytes:
     return b"\n" if b"\n" in head else b"\r"
 
 
-def _plain(file: RawFile, raw: bytes, encoding: str, line: int) -> str:
+def _plain(file: RawFile, raw: bytes, encoding: str, start: int) -> str:
+    """Return the lines of a text that begin at a byte of the file."""
     try:
         return plain_ends(raw.decode(encoding))
     except (UnicodeDecodeError, LookupError) as exc:
-        at = line + (raw[: exc.start].count(b"\n") if isinstance(exc, UnicodeDecodeError) else 0)
+        odd = start + (exc.start if isinstance(exc, UnicodeDecodeError) else 0)
+        mark = _end_of(file.head)
+        with file.stream() as handle:
+            parts = iter(lambda: handle.read(min(_BLOCK, odd - handle.tell())), b"")
+            at = 1 + sum(p.count(mark) for p in parts)
         raise file.corrupt(f"is not {encoding} text", field=f"line {at}") from None
 
 
@@ -449,15 +454,15 @@ def refuse_markers(
     for column in () if options.missing is not None else columns:
         if column.values is None:
             continue
-        most = float(np.fmax.reduce(column.values, initial=0.0))
-        whole = max(most, -float(np.fmin.reduce(column.values, initial=0.0)))
-        if whole > _WHOLE and column.unit is not None and column.unit.dimension == "time":
-            step = np.spacing(whole) * column.unit.factor
-            found.append(
-                f"column {column.name!r} holds numbers of {len(f'{whole:.0f}')} digits, which are kept to "
-                f"{step:.2g} s; export the time from the start of the recording if that is too coarse"
-            )
         if column.unit is not None and column.unit.dimension == "time":
+            most = float(np.fmax.reduce(column.values, initial=0.0))
+            whole = max(most, -float(np.fmin.reduce(column.values, initial=0.0)))
+            if whole > _WHOLE:
+                step = np.spacing(whole) * column.unit.factor
+                found.append(
+                    f"column {column.name!r} holds numbers of {len(f'{whole:.0f}')} digits, which are kept to "
+                    f"{step:.2g} s; export the time from the start of the recording if that is too coarse"
+                )
             continue
         marker = marker_of(column.values)
         if marker is None:
