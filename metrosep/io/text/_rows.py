@@ -752,7 +752,8 @@ class Body:
             elif (grouped := self._grouped_number(field, fields)) is not None:
                 values[i] = grouped
                 self._n_groups += 1
-                self._groups = [min([(int(lines[i]), field.strip()), *self._groups])]
+                if not self._groups or lines[i] < self._groups[0][0]:
+                    self._groups = [(int(lines[i]), field.strip())]
             else:
                 self._refuse_other_mark(int(lines[i]), field.strip(), name)
                 raise bad_field(self._file, int(lines[i]), field.strip(), f"column {name!r}")
