@@ -41,6 +41,7 @@ from metrosep.io.text.dialect import (
     Layout,
     bare_unit,
     is_comment,
+    is_drawn,
     is_named_by_number,
     is_rule,
     n_used,
@@ -79,7 +80,6 @@ DECIMAL_SHOWN = {
 
 _REMARK = re.compile(r"\s+[#%]\s*[^\W\d].*")
 """What somebody wrote behind a row."""
-_RULE = re.compile(r"([-=_])\1{2}")
 _COUNTED = re.compile(r"\(\d+ [^\W\d]+\)")
 """What a database writes below a table: (20 rows)."""
 _RULED = "-=*~_<>[] "
@@ -636,7 +636,7 @@ class Body:
         """Whether a line is words, no row: it begins with a letter where a number should stand."""
         begin = fields[0].strip().strip('"')
         ruled = " ".join(f.strip() for f in fields)
-        if not ruled.strip("-=_+*| ") and _RULE.search(ruled):  # -----: also a word for no reading
+        if is_drawn(ruled):  # -----: also a word for no reading
             return len(fields) < self._n or not ruled.strip("=_+| ")
         if not any(self._labels):
             words = " ".join(fields).strip(_RULED + '"').lower().split()

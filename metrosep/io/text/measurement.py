@@ -9,7 +9,7 @@ import itertools
 import operator
 import re
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -48,6 +48,7 @@ from metrosep.io.text.table import (
     Table,
     interruption,
     pick,
+    refuse_marker,
     sensitivity,
     to_si,
     without_empty_rows,
@@ -83,6 +84,8 @@ def measurement(
     scale: float | str | None = None,
 ) -> Profile | Recording | Surface:
     """Return the object that a table holds; see `metrosep.io.text.delimited.read`."""
+    if not any((channel, x, y, z, time)):  # else what is not asked for may hold what it wants
+        _refuse_markers(file, table, table.numbers)
     table, channel, labels = _rows_of(file, table, channel)
     table = _without_counter(table, given=(channel, x, y, z, time))
     unit = declared_units(unit)
@@ -127,6 +130,13 @@ def measurement(
         if found is not None:
             raise SeveralRunsError(file.path, found) from None
         raise FormatMismatchError(f"{file.path}: {exc}") from None
+
+
+def _refuse_markers(file: RawFile, table: Table, columns: Iterable[Column]) -> None:
+    """Refuse columns that hold a value for "not measured"; one that counts the rows may hold any."""
+    for column in columns:
+        if role_of(column.name) != "index":
+            refuse_marker(file, table, column.name)
 
 
 def _with_counted_time(table: Table) -> Table:
@@ -461,6 +471,7 @@ class _Made:
         if channel is not None:
             column, _ = pick(self.file, table, channel, role="channel")
             chosen = [c for c in chosen if c.name == column.name]
+        _refuse_markers(self.file, table, chosen)
         values = {
             c.name: c.values * (c.unit.factor if c.unit else 1.0)
             for c in chosen

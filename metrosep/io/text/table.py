@@ -68,9 +68,10 @@ __all__ = [
     "Table",
     "TextTable",
     "interruption",
+    "markers_in",
     "pick",
     "read_table",
-    "refuse_markers",
+    "refuse_marker",
     "sensitivity",
     "text_of",
     "to_si",
@@ -162,12 +163,14 @@ def read_table(file: RawFile, **text: Any) -> Table:
     columns, beyond = _with_quantities(file, columns, rows.lines, source.head)
     columns, clocks, undecided = with_moments(file, columns, rows.lines, source.head.options)
     columns = [*names, *columns]
-    markers = refuse_markers(file, columns, rows.lines, source.head.options)
-    markers += _marked_bad(columns[len(names) :], rows.lines)
+    odd, markers = markers_in(columns, rows.lines, source.head.options)
+    odd += _marked_bad(columns[len(names) :], rows.lines)
     header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
     if undecided:
         header["undecided"] = undecided
-    warnings = (*source.warnings, *beyond, *markers, *undecided.values())
+    if markers:
+        header["markers"] = markers
+    warnings = (*source.warnings, *beyond, *markers.values(), *odd, *undecided.values())
     return Table(tuple(columns), rows.lines, header, warnings, source.lines)
 
 
@@ -443,14 +446,12 @@ def _plain(file: RawFile, raw: bytes, encoding: str, start: int) -> str:
         raise file.corrupt(f"is not {encoding} text", field=f"line {at}") from None
 
 
-def refuse_markers(
-    file: RawFile,
-    columns: Sequence[Column],
-    lines: NDArray[np.int64],
-    options: TextOptions,
-) -> list[str]:
-    """Return warnings about values that may mean "not measured"."""
+def markers_in(
+    columns: Sequence[Column], lines: NDArray[np.int64], options: TextOptions
+) -> tuple[list[str], dict[str, str]]:
+    """Return warnings about values that may mean "not measured", and what says so of columns where it is sure."""
     found: list[str] = []
+    markers: dict[str, str] = {}
     for column in () if options.missing is not None else columns:
         if column.values is None:
             continue
@@ -476,9 +477,16 @@ def refuse_markers(
             f"missing='{text}', else missing='none'"
         )
         if sure:
-            raise AmbiguousFormatError(f"{file.path}: {message}")
-        found.append(message)
-    return found
+            markers[column.name] = message
+        else:
+            found.append(message)
+    return found, markers
+
+
+def refuse_marker(file: RawFile, table: Table, name: str) -> None:
+    """Refuse a column that is used where one of its values surely means "not measured"."""
+    if (message := table.header.get("markers", {}).get(name)) is not None:
+        raise AmbiguousFormatError(f"{file.path}: {message}")
 
 
 _MOST_RANGES = 100
@@ -752,6 +760,7 @@ def pick(
         number = int(name)
         name = table.names[number - 1] if 1 <= number <= len(table.names) else name
     column = table[find_column(name, table.names, file.path, role=role)]
+    refuse_marker(file, table, column.name)
     if not declared:
         return column, column.unit
     unit = parse_unit(declared)
