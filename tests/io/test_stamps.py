@@ -102,7 +102,7 @@ def test_a_year_of_two_digits_is_no_matter_of_the_clock_of_the_computer(put):
 def test_a_stream_does_not_take_a_year_for_a_day(put):
     rows = [f"26.03.{d:02d} {h:02d}:00:00,{h}" for d in (5, 6) for h in (22, 23)]
     path = put("time,probe_um\n" + "\n".join(rows) + "\n")
-    with open_stream(path) as stream, pytest.raises(ReadError, match="line 4: .*with the year"):
+    with open_stream(path) as stream, pytest.raises(ReadError, match=r"line 4: .*with the year"):
         list(stream.chunks(10))
 
 

@@ -17,7 +17,14 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 
-__all__ = ["columns_of", "may_hold_comments", "n_in", "single_blanks", "without_groups", "without_quotes"]
+__all__ = [
+    "columns_of",
+    "may_hold_comments",
+    "n_in",
+    "single_blanks",
+    "without_groups",
+    "without_quotes",
+]
 
 _LONG: Final = 2**18
 """Characters from which pandas is faster, also when it must be loaded first."""

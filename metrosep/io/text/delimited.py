@@ -50,8 +50,8 @@ from metrosep.io.text.table import (
     Column,
     ColumnSpec,
     TextTable,
-    read_table,
     markers_in,
+    read_table,
     text_of,
 )
 from metrosep.io.text.times import RunningClock, moments

@@ -436,7 +436,9 @@ def _days(
     if is_swappable.any():
         orders.append((year, two, one))
     if entries.is_short[rows].all():  # a/b/yy and a.b.yy may be year, month and day
-        first_part, second_part = (np.where(is_swappable, a, b) for a, b in ((one, two), (two, one)))
+        first_part, second_part = (
+            np.where(is_swappable, a, b) for a, b in ((one, two), (two, one))
+        )
         orders.append((_in_full(first_part), second_part, year % 100))
     numbered = [_day_numbers(*order) for order in orders]
     readings = [numbers for numbers, is_date in numbered if is_date.all()]
