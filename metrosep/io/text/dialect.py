@@ -640,6 +640,10 @@ def _fit(
         for i in alike
         if not any(kinds[i][k] in _TEXTS and not labels[k] for k in range(n))
     }
+    for i in sorted(rows):  # the date of a header begins with its key: "delta t", then numbers
+        if not dated[0] or kinds[i][0] != "label" or not split[i][0].strip()[:1].isalpha():
+            break
+        del rows[i]
     if not rows or min(rows) >= n_head:
         return None
     start = min(rows)
