@@ -404,7 +404,7 @@ def _thermal_again(
 
 def _history(options: dict[str, Any]) -> tuple[dict[str, Any], Any]:
     """Return temperatures by sensor, and times, of a log."""
-    from metrosep.io.runs import Role, read_roles
+    from metrosep.io.role_columns import Role, read_roles
 
     if options["time_"] is None or options["temperatures"] is None:
         raise click.UsageError("--history needs --time and --temperature to name its columns")

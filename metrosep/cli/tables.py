@@ -184,12 +184,15 @@ def _separated(
 
 def turned_runs(files: tuple[str, ...], options: dict[str, Any]) -> RunSet | None:
     """Return continuous runs of an axis that turns as cycles; None where their positions are lengths."""
+    from metrosep.cli.shortcut import RUN_INPUT
     from metrosep.core.units import parse_quantity
+    from metrosep.io.runs import are_over_an_angle
     from metrosep.recipe.methods.turned import cycles_of
 
-    runs = read_runs_of(files, options, angles=True)
-    if runs.metadata.get("unit") != "rad":
+    given = {k: options[k] for k in RUN_INPUT if options.get(k) is not None}
+    if not any(are_over_an_angle(file, given) for file in files):
         return None
+    runs = read_runs_of(files, options, angles=True)
     if options["method"] not in (None, "mean"):
         raise click.UsageError(
             f"--method {options['method']} separates along a length; over an angle the runs are averaged: "

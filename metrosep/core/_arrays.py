@@ -130,6 +130,23 @@ def position(value: Any, name: str) -> tuple[float, float]:
     return x, y
 
 
+def way(values: FloatArray) -> int:
+    """Return 1 where values rise throughout, -1 where they fall, else 0: also for fewer than two, or NaN."""
+    if values.size < 2:
+        return 0
+    rises = bool(values[1] > values[0])
+    for start in range(0, values.size - 1, _STEPS):
+        part = values[start : start + _STEPS + 1]
+        before, behind = part[:-1], part[1:]
+        if not (behind > before if rises else behind < before).all():
+            return 0
+    return 1 if rises else -1
+
+
+_STEPS = 2**16
+"""Steps that are looked at together, so that no array as long as the values is made."""
+
+
 def same_length(**arrays: NDArray[Any]) -> None:
     """Refuse arrays of unequal length, naming them."""
     sizes = {name: a.size for name, a in arrays.items()}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, Heights, frozen_float, same_length
+from metrosep.core._arrays import FloatArray, Heights, frozen_float, same_length, way
 from metrosep.core._thumbnails import png_image, profile_thumbnail
 from metrosep.core.arithmetic import HeightArithmetic
 from metrosep.core.attached import attached
@@ -77,13 +77,14 @@ class Profile(Heights, HeightArithmetic, Guessed, PublicObject):
                 f"position x is NaN at index {int(np.flatnonzero(np.isnan(xs))[0])}; a height "
                 "without a position cannot be used: drop the sample"
             )
-        steps = np.diff(xs)
-        if steps.size and (steps < 0).all():
+        direction = way(xs)
+        if direction < 0:
             xs, zs = (
                 frozen_float(xs[::-1], name="x", ndim=1),
                 frozen_float(zs[::-1], name="z", ndim=1),
             )
-        elif steps.size and not (steps > 0).all():
+        elif not direction and xs.size > 1:
+            steps = np.diff(xs)
             i = int(np.flatnonzero(steps <= 0)[0] if (steps > 0).sum() > 0 else 0)
             raise InvalidSamplesError(
                 f"positions x are not strictly monotonic: x[{i}] = {xs[i]:.9g} m, "

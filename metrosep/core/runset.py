@@ -7,6 +7,7 @@ time and the positions must agree with each other: a feed typed in the wrong uni
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -223,10 +224,19 @@ class Run(PublicObject):
         way = "forward" if self.direction > 0 else "reverse"
         feed = "feed unknown" if self.feed is None else f"{self.feed / _MM_PER_MIN:.6g} mm/min"
         gaps = f", {self.n_invalid} not measured" if self.n_invalid else ""
+        ends = _format_travel(float(self.x[0]), float(self.x[-1]), self.metadata)
         return shortened(
-            f"Run({self.run_id!r}: {self.x.size} samples, {format_ends(float(self.x[0]), float(self.x[-1]))}"
-            f", {way}, {feed}{gaps})"
+            f"Run({self.run_id!r}: {self.x.size} samples, {ends}, {way}, {feed}{gaps})"
         )
+
+
+def _format_travel(
+    low: float, high: float, metadata: Mapping[str, Any], *, between: str = " ... "
+) -> str:
+    """Return two positions in m as text, or in rad where the metadata of their run say so."""
+    if metadata.get("unit") != "rad":
+        return format_ends(low, high, between=between)
+    return f"{math.degrees(low):.6g}{between}{math.degrees(high):.6g} deg"
 
 
 def _check_time(t: FloatArray, run_id: str) -> None:
@@ -475,7 +485,8 @@ class RunSet(PublicObject):
             low, high = self.common_travel
         except InvalidSamplesError:
             return "none"
-        return format_ends(low, high, between=to)
+        own = self.metadata if "unit" in self.metadata else self.runs[0].metadata
+        return _format_travel(low, high, own, between=to)
 
     def _repr_html_(self) -> str:
         """Return a small table for notebooks."""

@@ -132,47 +132,41 @@ _SURROUNDING_NAMES = {
     "um/m/degC": "ppm/K", "ppm/degC": "ppm/K", "ppm/°C": "ppm/K", "um/m/°C": "ppm/K",
 }  # fmt: skip
 
+_LENGTHS = {"um": "micro", "nm": "nano", "mm": "milli", "cm": "centi", "m": ""}
+_METRES = "meter meters metre metres mètre mètres metro metri metros"
+_SPELLED = {
+    "um": "micron microns mikrometer micra micras micrón micrones micrómetro micrómetros 微米 ミクロン "
+    "マイクロメートル мкм mkm mum mu",
+    "nm": "nanómetro nanómetros 纳米 奈米 ナノメートル нм",
+    "mm": "milimetro milimetros milímetro milímetros 毫米 ミリ ミリメートル мм",
+    "cm": "zentimeter centímetro centímetros 厘米 センチ センチメートル",
+    "m": "米 メートル",
+    "in": "inch inches zoll pouce pouces pollice pollici pulgada pulgadas 英寸 インチ",
+    "deg": "degree degrees Grad degré degrés grado gradi grados 度",
+    "rad": "radian radians Radiant radianti radiane radián radianes 弧度 ラジアン",
+    "arcsec": "asec arcsecond arcseconds bogensekunde bogensekunden 角秒 秒角",
+    "s": "sec second seconds sekunde sekunden seconde secondes secondi segundos 秒",
+    "ms": "msec millisecond milliseconds millisekunde millisekunden milliseconde millisecondes millisecondi "
+    "milisegundo milisegundos 毫秒 ミリ秒",
+    "us": "microsecond microseconds mikrosekunde mikrosekunden microsecondes microsecondi microsegundos 微秒 "
+    "マイクロ秒",
+    "min": "minutes minuten minuti minutos 分钟",
+    "h": "hours stunden heures horas 小时",
+    "V": "volt volts v 伏 伏特 ボルト",
+    "mV": "mv millivolt millivolts 毫伏 ミリボルト",
+    "Hz": "hz hertz 赫兹 ヘルツ",
+}
+"""Words for units in the seven languages, in small letters; grad is also the 400th part of a turn."""
+
 _ALIASES = {
-    "micron": "um",
-    "microns": "um",
-    "micrometer": "um",
-    "micrometers": "um",
-    "micrometre": "um",
-    "micrometres": "um",
-    "mu": "um",
-    "nanometer": "nm",
-    "nanometers": "nm",
-    "nanometre": "nm",
-    "nanometres": "nm",
-    "millimeter": "mm",
-    "millimeters": "mm",
-    "millimetre": "mm",
-    "millimetres": "mm",
-    "meter": "m",
-    "meters": "m",
-    "metre": "m",
-    "metres": "m",
-    "inch": "in",
+    **{p + w: unit for unit, p in _LENGTHS.items() for w in _METRES.split()},
+    **{w: unit for unit, words in _SPELLED.items() for w in words.split()},
     "thou": "mil",
     "mils": "mil",
-    "inches": "in",
     '"': "in",
     "uinch": "uin",
     "microinch": "uin",
-    "degree": "deg",
-    "degrees": "deg",
     "°": "deg",
-    "asec": "arcsec",
-    "sec": "s",
-    "second": "s",
-    "seconds": "s",
-    "msec": "ms",
-    "volt": "V",
-    "volts": "V",
-    "v": "V",
-    "mv": "mV",
-    "hz": "Hz",
-    "hertz": "Hz",
     "khz": "kHz",
     **dict.fromkeys(
         (
@@ -207,10 +201,7 @@ _ALIASES = {
     "å": "angstrom",
     "Å": "angstrom",
     "-": "1",
-    "mum": "um", "mkm": "um", "мкм": "um", "微米": "um", "マイクロメートル": "um", "ミクロン": "um",
-    "мм": "mm", "毫米": "mm", "ミリ": "mm", "ミリメートル": "mm", "нм": "nm", "纳米": "nm",
-    "奈米": "nm", "ナノメートル": "nm", "米": "m", "メートル": "m", "秒": "s", "毫秒": "ms",
-    "度": "deg", "″": "in", "毫米/分": "mm/min", "N·mm": "N mm", "N*mm": "N mm", "N.mm": "N mm",
+    "″": "in", "毫米/分": "mm/min", "N·mm": "N mm", "N*mm": "N mm", "N.mm": "N mm",
 }  # fmt: skip
 
 FOREIGN_SPELLINGS = frozenset(

@@ -267,6 +267,26 @@ def _clock(obj: Recording) -> Iterator[Finding]:
             f"after t = {first:.6g} s",
             "samples were lost; cut the recording there or lower the sampling rate",
         )
+    index = np.arange(obj.t.size) - (obj.t.size - 1) / 2.0
+    off = obj.t - obj.t.mean()
+    step = float(index @ off / (index @ index))
+    off -= step * index
+    rms = float(off.std())
+    if (
+        rms > _JITTER * step
+        and np.abs(off).max() < 0.5 * step
+        and abs(steps / step - 1.0).max() < 0.5
+    ):
+        yield Finding(
+            "note",
+            f"the clock jitters by {100.0 * rms / step:.2g} % of a step (RMS {rms:.3g} s), and no sample is lost",
+            f"a sine of f Hz is wrong by {math.sqrt(2.0) * math.pi * rms:.3g} f of its amplitude (RMS) if the stamps "
+            "jitter and the samples do not",
+        )
+
+
+_JITTER = 1e-3
+"""RMS of the departure from a uniform clock, in steps, from which it is stated: 0.2 % of a sine of half the rate."""
 
 
 def _wrapped(obj: Recording, name: str) -> Iterator[Finding]:

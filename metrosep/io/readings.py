@@ -18,7 +18,8 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import FormatMismatchError, InvalidSamplesError
 from metrosep.core.inputs import Readings
 from metrosep.core.provenance import Step
-from metrosep.io.runs import Role, columns_of, role_values
+from metrosep.io.role_columns import Role, role_values
+from metrosep.io.runs import columns_of
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.table import ColumnSpec, Table, pick, sensitivity, to_si
 

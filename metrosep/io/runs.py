@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 import math
 import os
-import re
 import shlex
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -30,18 +29,14 @@ from metrosep.core.errors import (
     UnitError,
     UnknownFormatError,
 )
-from metrosep.core.inputs import RoleColumns
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.runset import FORWARD, REVERSE, SAME_FEED, Run, RunSet
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import (
-    SURROUNDINGS,
-    TYPICAL,
     Unit,
     parse_quantity,
     parse_unit,
-    surrounding_header,
 )
 from metrosep.io import registry
 from metrosep.io._roles import jumps_back, runs_in
@@ -49,8 +44,7 @@ from metrosep.io.own_notes import is_marked
 from metrosep.io.own_runs import own_columns, own_runs, run_table
 from metrosep.io.several_runs import BLOCKS, SeveralRunsError
 from metrosep.io.source import RawFile, open_file, rate_of
-from metrosep.io.text.dialect import Dialect, header_unit, unframed
-from metrosep.io.text.encoding import decode
+from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.table import (
     Column,
     ColumnSpec,
@@ -66,11 +60,9 @@ from metrosep.io.text.table import (
 
 __all__ = [
     "FeedSpec",
-    "Role",
+    "are_over_an_angle",
     "columns_of",
-    "read_roles",
     "read_runs",
-    "role_values",
     "runs_of",
     "told_columns",
 ]
@@ -228,20 +220,32 @@ def told_columns(
 
     The next `read_runs` of a file that is not too long takes what was read here.
     """
-    layout = {k: v for k, v in given.items() if k in TEXT_OPTIONS}
+    return _told_specs(*_looked_at(path, given), given, angles=angles)
+
+
+def are_over_an_angle(path: str | os.PathLike[str], given: Mapping[str, Any]) -> bool:
+    """Return whether the positions of runs are angles; the next `read_runs` takes what was read here."""
+    spec = given.get("x") or told_columns(path, given)["x"]
+    file, table, _ = _looked_at(path, given)
+    _, unit = pick(file, table, spec, role="x")
+    return unit is not None and unit.dimension == "angle"
+
+
+def _looked_at(path: str | os.PathLike[str], given: Mapping[str, Any]) -> Source:
+    """Return the columns of a file, kept for the next reader if it is not too long."""
+    layout = {k: v for k, v in given.items() if k in TEXT_OPTIONS and v is not None}
     file = open_file(path)
-    content = _content(file, layout)
-    specs = _told_specs(*_as_columns(*content), given, angles=angles)
+    content = _taken_or_read(file, layout)
     if file.size <= _MOST_AHEAD:
         with _LOCK:
             while sum(f.size for f, *_ in _AHEAD.values()) + file.size > _MOST_AHEAD:
                 del _AHEAD[next(iter(_AHEAD))]
             _AHEAD[_key(file, layout)] = content
-    return specs
+    return _as_columns(*content)
 
 
-_AHEAD: dict[tuple[Any, ...], tuple[RawFile, Table | RunSet | Recording, str]] = {}
-"""What was read to see whether files tell their runs, until it is taken."""
+_AHEAD: dict[tuple[Any, ...], _Content] = {}
+"""What was read to see what files hold, until it is taken."""
 _MOST_AHEAD = 2**26
 """Bytes of files that may wait there; the oldest go first."""
 _LOCK = threading.Lock()
@@ -249,7 +253,12 @@ _LOCK = threading.Lock()
 
 def _key(file: RawFile, layout: Mapping[str, Any]) -> tuple[Any, ...]:
     state = file.path.stat()
-    return (str(file.path), state.st_size, state.st_mtime_ns, repr(sorted(layout.items())))
+    return (
+        str(file.path.resolve()),
+        state.st_size,
+        state.st_mtime_ns,
+        repr(sorted(layout.items())),
+    )
 
 
 def _told_specs(
@@ -301,9 +310,7 @@ def _told_runs(path: str | os.PathLike[str], given: Mapping[str, Any], *, angles
     """Return the runs of one file, which is read once."""
     layout = {k: v for k, v in given.items() if k in TEXT_OPTIONS}
     file = open_file(path)
-    with _LOCK:
-        ahead = _AHEAD.pop(_key(file, layout), None)
-    file, content, known = ahead or _content(file, layout)
+    file, content, known = _taken_or_read(file, layout)
     own = content if not given and isinstance(content, RunSet) else None
     if not given and isinstance(content, Table):
         is_own = any(map(is_marked, content.header.get("comments", ())))
@@ -613,12 +620,20 @@ Source: TypeAlias = tuple[RawFile, Table, str]
 
 def columns_of(file: RawFile, layout: dict[str, Any]) -> Source:
     """Return the file as its messages name it, its columns, and the format that they were read as."""
-    return _as_columns(*_content(file, layout))
+    return _as_columns(*_taken_or_read(file, layout))
 
 
-def _content(
-    file: RawFile, layout: dict[str, Any]
-) -> tuple[RawFile, Table | RunSet | Recording, str]:
+_Content: TypeAlias = tuple[RawFile, Table | RunSet | Recording, str]
+
+
+def _taken_or_read(file: RawFile, layout: dict[str, Any]) -> _Content:
+    """Return what `_looked_at` read of the same file, else read it."""
+    with _LOCK:
+        ahead = None if file.in_memory else _AHEAD.pop(_key(file, layout), None)
+    return ahead or _content(file, layout)
+
+
+def _content(file: RawFile, layout: dict[str, Any]) -> _Content:
     """Return the file as its messages name it, the table, runs or recording in it, and its format."""
     known = _format(file) or _TEXT
     if registry.get(known).is_table:
@@ -656,177 +671,3 @@ def _format(file: RawFile) -> str | None:
         return registry.find(file).id
     except (UnknownFormatError, AmbiguousFormatError):
         return None
-
-
-# ---- columns of a table by the role they play: times, targets, labels, runs; each in SI or as text ----
-
-_PER = re.compile(r"[_ ]per[_ ][A-Za-z]+$")
-"""Numbers per turn, or turns per minute, stand where a role has no dimension: the method says their unit."""
-
-
-@dataclass(frozen=True, slots=True)
-class Role:
-    """What a column is and where it stands."""
-
-    # pair of str, or list of these: A name whose header carries the unit, ``"name:unit"``,
-    # ``("name", "unit")``; a list makes one row for each column
-    column: ColumnSpec | list[ColumnSpec]
-    # ``"length"``, ``"angle"``, ``"time"`` ... : brought to SI. ``"position"``: a length or an
-    # angle. ``"any"``: brought to SI where there is a unit, else as it stands. ``"label"``: texts,
-    # those of the cells where they are numbers
-    dimension: str
-    scale: str | None = None  # sensitivity where the column is a voltage and a length is meant
-
-
-def read_roles(
-    paths: str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
-    roles: Mapping[str, Role],
-    **layout: Any,
-) -> RoleColumns:
-    """Read columns by their role; the rows of several files follow one another."""
-    files = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
-    if not files:
-        raise FormatMismatchError("no file to read columns from; name at least one")
-    parts: dict[str, list[NDArray[Any]]] = {name: [] for name in roles}
-    history: list[Step] = []
-    warnings: list[str] = []
-    columns: dict[str, tuple[str, ...]] = {}
-    units: dict[str, str] = {}
-    for path in files:
-        given = {k: v for k, v in layout.items() if v is not None}
-        file, table, format_id = columns_of(open_file(path), given)
-        for name, role in roles.items():
-            parts[name].append(role_values(file, table, role, name=name))
-            columns[name] = _names(file, table, role, name)
-            if role.dimension == "position":
-                units[name] = _either(file, table, role, name, units.get(name))
-        warnings += [f"{file.name}: {w}" for w in table.warnings]
-        history += file.history(format_id, {k: _text(r.column) for k, r in roles.items()})
-    return RoleColumns(
-        {name: np.concatenate(arrays, axis=-1) for name, arrays in parts.items()},
-        open_file(files[0]).name.rsplit(".", 1)[0],
-        tuple(history),
-        tuple(warnings),
-        columns,
-        units,
-    )
-
-
-def role_values(file: RawFile, table: Table, role: Role, *, name: str) -> NDArray[Any]:
-    """Return the values of one role from a table."""
-    if isinstance(role.column, list):
-        return np.stack(
-            [
-                role_values(file, table, Role(c, role.dimension, role.scale), name=name)
-                for c in role.column
-            ]
-        )
-    if role.dimension in SURROUNDINGS:
-        return _surroundings(file, table, role, name)
-    column, unit = pick(file, table, role.column, role=name)
-    if role.dimension == "label":
-        if column.labels is not None:
-            return np.array(column.labels)
-        return np.array(_cell_texts(file, table, column))
-    if role.dimension == "position":
-        dimension = "angle" if unit is not None and unit.dimension == "angle" else "length"
-        return to_si(file, column, unit, dimension=dimension, role=name)
-    if role.dimension != "any":
-        scale = sensitivity(role.scale) if role.dimension == "length" else None
-        return to_si(file, column, unit, dimension=role.dimension, role=name, scale=scale)
-    if column.values is None:
-        raise FormatMismatchError(
-            f"{file.path}: {name} column {column.name!r} holds text, not numbers; name another column"
-        )
-    stands = unit is None or unit.name == "rpm" or _PER.search(column.name) is not None
-    return np.asarray(column.values * (1.0 if stands or unit is None else unit.factor))
-
-
-def _surroundings(file: RawFile, table: Table, role: Role, name: str) -> FloatArray:
-    """Return a column of air or parts in SI: its header or ``NAME:UNIT`` says its unit."""
-    spec: Any = role.column
-    declared: str | None = None
-    if isinstance(spec, str) and spec not in table.names and ":" in spec:
-        spec, declared = spec.rsplit(":", 1)
-    elif not isinstance(spec, str):
-        spec, declared = spec
-    column, _ = pick(file, table, spec, role=name)
-    unit = surrounding_header(column.name, role.dimension)
-    if declared is not None:
-        given = parse_unit(declared, dimension=role.dimension)
-        if unit is not None and unit.name != given.name:
-            raise FormatMismatchError(
-                f"{file.path}: {name} column {column.name!r} is in {unit.name} by its header, but "
-                f"{given.name} was given; leave the unit out or correct the header"
-            )
-        unit = given
-    if column.values is None:
-        raise FormatMismatchError(
-            f"{file.path}: {name} column {column.name!r} holds text, not numbers; name another column"
-        )
-    if unit is None:
-        example = TYPICAL[role.dimension].split()[-1]
-        raise UnitError(
-            f"{file.path}: column {column.name!r} ({name}) declares no unit of a {role.dimension}; rename "
-            f"it like '{column.name} [{example}]', or name it '{column.name}:{example}'"
-        )
-    return np.asarray(column.values * unit.factor + unit.zero)
-
-
-def _cell_texts(file: RawFile, table: Table, column: Column) -> list[str]:
-    """Return the cells of a column of numbers as they are written: 01 is not 1, 1E2 not 100."""
-    if "separator" not in table.header:  # a recording has no text
-        numbers = column.values if column.values is not None else np.empty(0)
-        return [repr(float(v)).removesuffix(".0") for v in numbers]
-    header = table.header
-    text = decode(file.data, file.path, header["encoding"])[0]
-    dialect = Dialect(header["separator"], header["decimal"], '"' in text)
-    lines = unframed(text, text).split("\n")
-    place = table.names.index(column.name)
-    rows = dialect.split(lines[n - 1] for n in table.lines.tolist())
-    return [row[place].strip() for row in rows]
-
-
-def _text(column: Any) -> str:
-    return ", ".join(str(c) for c in column) if isinstance(column, list) else str(column)
-
-
-def _specs(role: Role) -> list[ColumnSpec]:
-    return role.column if isinstance(role.column, list) else [role.column]
-
-
-_BRACKETS = re.compile(r"[\s_]*[(\[][^)\]]*[)\]]\s*$")
-_BEHIND = re.compile(r"[\s_]*(?:[(\[][^)\]]*[)\]]|[\s_][^\s_]+)\s*$")
-
-
-def _said(header: str, dimension: str) -> bool:
-    """Return whether a header ends in a unit of air or parts."""
-    return surrounding_header(header, dimension) is not None
-
-
-def _names(file: RawFile, table: Table, role: Role, name: str) -> tuple[str, ...]:
-    if role.dimension in SURROUNDINGS:
-        plain = [str(c if isinstance(c, str) else c[0]) for c in _specs(role)]
-        names = [c if c in table.names or ":" not in c else c.rsplit(":", 1)[0] for c in plain]
-        if not isinstance(role.column, list):
-            return tuple(plain)
-        return tuple(_BEHIND.sub("", n) if _said(n, role.dimension) else n for n in names)
-    found = [pick(file, table, spec, role=name)[0] for spec in _specs(role)]
-    return tuple(_without_unit(c.name) if c.unit is not None else c.name for c in found)
-
-
-def _without_unit(name: str) -> str:
-    """Return the name of a column whose header bears a unit, ``m1_um`` or ``m1 [um]``, without it."""
-    if _BRACKETS.search(name):
-        return _BRACKETS.sub("", name)
-    return name.rsplit("_", 1)[0] if "_" in name.strip("_") else name
-
-
-def _either(file: RawFile, table: Table, role: Role, name: str, before: str | None) -> str:
-    """Return m or rad, the same for all columns of a role."""
-    units = [pick(file, table, spec, role=name)[1] for spec in _specs(role)]
-    found = {"rad" if u is not None and u.dimension == "angle" else "m" for u in units}
-    found |= set() if before is None else {before}
-    if len(found) > 1:
-        raise UnitError(f"{file.path}: the {name} columns are lengths and angles; give one kind")
-    return found.pop()

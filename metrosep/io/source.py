@@ -13,9 +13,9 @@ import os
 import threading
 import tomllib
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -278,19 +278,42 @@ def open_file(path: str | os.PathLike[str]) -> RawFile:
             start = handle.read(6)
     if size == 0:
         raise ReadError(f"{where}: the file is empty (0 bytes); export or copy it again")
-    module = next((m for magic, m in _PACKED.items() if start.startswith(magic)), None)
-    return RawFile(where, _unpacked(where, module, size), where) if module else RawFile(where)
+    opened = _only_member(where) if start.startswith(b"PK\x03\x04") else None
+    for magic, module in _PACKED.items():
+        if start.startswith(magic):
+            opened = partial(importlib.import_module(module).open, where, "rb")
+    return (
+        RawFile(where) if opened is None else RawFile(where, _unpacked(where, opened, size), where)
+    )
 
 
-def _unpacked(path: Path, module: str, size: int) -> bytes:
+def _only_member(path: Path) -> Callable[[], Any] | None:
+    """Return what opens the one file in a zip archive; None where there are more, or an array of NumPy."""
+    import zipfile
+
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [
+                n for n in archive.namelist() if not n.startswith("__MACOSX/") and n[-1:] != "/"
+            ]
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+        return None
+    if len(names) != 1 or names[0].endswith(".npy"):
+        return None
+    return partial(zipfile.Path(path, names[0]).open, "rb")
+
+
+def _unpacked(path: Path, opened: Callable[[], Any], size: int) -> bytes:
     """Return the content of a file that is compressed as a whole."""
     import lzma
+    import zipfile
 
+    damage = (OSError, EOFError, zlib.error, lzma.LZMAError, zipfile.BadZipFile, RuntimeError)
     most = min(_MAX_UNPACKED, max(_UNASKED, _MAX_RATIO * size))
     try:
-        with importlib.import_module(module).open(path, "rb") as handle:
+        with opened() as handle:
             data: bytes = handle.read(most + 1)
-    except (OSError, EOFError, zlib.error, lzma.LZMAError) as exc:
+    except damage as exc:
         raise ReadError(f"{path}: cannot be unpacked ({exc}); copy it again") from None
     if len(data) > most:
         raise UnsupportedFeatureError(

@@ -17,7 +17,7 @@ from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.io.readings import read_readings
-from metrosep.io.runs import Role, read_roles
+from metrosep.io.role_columns import Role, read_roles
 from metrosep.io.source import open_file
 from metrosep.recipe.characteristics import DECISION_RULE, judged
 from metrosep.recipe.describe.described import describe

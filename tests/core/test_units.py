@@ -62,13 +62,16 @@ def test_bare_numbers_must_be_finite(value):
         ("10**-3 rad", 1e-3), ("x10^-3 s", 1e-3), ("μm", 1e-6), ("мкм", 1e-6), ("мм", 1e-3),
         ("微米", 1e-6), ("毫米", 1e-3), ("纳米", 1e-9), ("ミリ", 1e-3), ("ナノメートル", 1e-9),
         ("mNm", 1e-3), ("kNm", 1e3), ("″", 0.0254), ("度", math.pi / 180),
+        ("Mikrometer", 1e-6), ("Micromètres", 1e-6), ("nanometri", 1e-9), ("micrómetros", 1e-6), ("micras", 1e-6),
+        ("Zentimeter", 1e-2), ("厘米", 1e-2), ("センチメートル", 1e-2), ("Grad", math.pi / 180), ("Sekunden", 1.0),
+        ("millisecondes", 1e-3), ("分钟", 60.0), ("ミリ秒", 1e-3), ("pulgadas", 0.0254),
     ],
 )  # fmt: skip
 def test_units_of_other_countries_and_powers_of_ten(text, factor):
     assert parse_unit(text).factor == pytest.approx(factor, rel=ROUNDING, abs=0.0)
 
 
-@pytest.mark.parametrize("text", ["10^-7 m", "E-6 Mm", "106 m", "E99 m", "10 mm"])
+@pytest.mark.parametrize("text", ["grad", "10^-7 m", "E-6 Mm", "106 m", "E99 m", "10 mm"])
 def test_a_power_of_ten_that_makes_no_unit_is_refused(text):
     with pytest.raises(UnitError):
         parse_unit(text)

@@ -1,6 +1,7 @@
 """`metrosep check`: every oddity is planted, and the same object without it gives no finding."""
 
 import json
+import re
 import shlex
 
 import numpy as np
@@ -110,6 +111,24 @@ def test_window_off_centre(rough):
     assert check_object(rough(**centred)) == ()
     moved = only(rough(**{**centred, "window_origin_px": (139, 210)}))
     assert "-141.0 px, +0.0 px" in moved.problem
+
+
+def test_jitter_of_the_clock_is_stated_with_what_it_costs(rng):
+    """A sine at stamps that jitter, read as uniform: the rms error is that of its own slope."""
+    f, fs, n = 13.0, 800.0, 4000
+    jitter = 0.05 / fs * rng.standard_normal(n)
+    t = np.arange(n) / fs + jitter
+    found = check_object(ms.Recording(t, {"a": np.sin(2.0 * np.pi * f * t)}))
+
+    (note,) = [one for one in found if "jitters" in one.problem]
+    stated = float(re.search(r"wrong by (\S+) f", note.fix)[1]) * f
+    error = np.sin(2.0 * np.pi * f * t) - np.sin(2.0 * np.pi * f * np.arange(n) / fs)
+    assert note.level == "note"
+    assert stated == pytest.approx(
+        error.std(), rel=0.05
+    )  # 4000 draws: 1.1 %, their spread as a sine 1 %
+    plain = check_object(ms.Recording(np.arange(n) / fs, {"a": np.sin(t)}))
+    assert not [one for one in plain if "jitters" in one.problem]
 
 
 def test_gap_in_the_positions_of_a_profile(rng):

@@ -58,6 +58,8 @@ def test_a_drawn_table_is_read_with_every_row(tmp_path: Path, drawn: str) -> Non
 
     np.testing.assert_array_equal(x, X)
     np.testing.assert_allclose(z, Z, rtol=0, atol=PM)
+    n_rules = sum(not s.strip("+-=:| ┌─┬┐├┼┤└┴┘╔═╦╗╠╬╣") for s in FRAMES[drawn])
+    assert profile.metadata["lines"].get("rule", 0) == n_rules
     lines = profile.metadata["lines"]
     assert lines["data"] == X.size
     assert lines["total"] == len(FRAMES[drawn])

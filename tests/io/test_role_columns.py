@@ -5,7 +5,7 @@ import pytest
 
 from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
 from metrosep.io.readings import read_readings
-from metrosep.io.runs import Role, read_roles
+from metrosep.io.role_columns import Role, read_roles
 
 
 @pytest.fixture

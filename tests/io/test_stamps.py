@@ -8,6 +8,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.errors import ReadError
+from metrosep.io.stream import open_stream
 
 NS = 1e-9
 """Stamps are whole nanoseconds."""
@@ -29,6 +30,15 @@ READ = {
     ),
     "even steps over midnight": (
         ["25-03-01 23:59:58", "25-03-01 23:59:59", "25-03-02 00:00:00", "25-03-02 00:00:01"],
+        [0.0, 1.0, 2.0, 3.0],
+    ),
+    "the year first with points": (
+        ["26.03.31 23:59:58", "26.03.31 23:59:59", "26.04.01 00:00:00", "26.04.01 00:00:01"],
+        [0.0, 1.0, 2.0, 3.0],
+    ),
+    "a year that is no day": (["32.12.31 23:59:59", "33.01.01 00:00:00"], [0.0, 1.0]),
+    "the day first with points": (
+        ["05.03.26 23:59:58", "05.03.26 23:59:59", "06.03.26 00:00:00", "06.03.26 00:00:01"],
         [0.0, 1.0, 2.0, 3.0],
     ),
     "all of one day": (["25-03-01 12:00:00", "25-03-01 12:00:01"], [0.0, 1.0]),
@@ -61,6 +71,7 @@ REFUSED = {
         ["25-03-01 12:00:00", "25-03-02 12:00:00", "25-03-03 12:00:00"],
         "begin with the year.*sampling_rate=",
     ),
+    "year or day first with points": (["26.03.01", "26.03.02", "26.03.03"], "begin with the year"),
     "zone in some rows": (
         ["2025-03-01T12:00:00Z", "2025-03-01T12:00:01", "2025-03-01T12:00:02Z"],
         "line 3: .*only some state their offset",
@@ -80,6 +91,19 @@ def test_what_no_calendar_says_is_refused_with_the_line(put, name):
     with pytest.raises(ReadError) as refused:
         _seconds(put, stamps)
     assert re.search(reason, str(refused.value)), refused.value
+
+
+def test_a_year_of_two_digits_is_no_matter_of_the_clock_of_the_computer(put):
+    """A file of 2031 on a computer of 2026 is not one of 1931."""
+    text = "time,probe_um\n05.03.31 12:00:00,1\n05.03.31 12:00:01,2\n"
+    assert ms.read(put(text)).metadata["header"]["clocks"]["time"] == "2031-03-05T12:00:00"
+
+
+def test_a_stream_does_not_take_a_year_for_a_day(put):
+    rows = [f"26.03.{d:02d} {h:02d}:00:00,{h}" for d in (5, 6) for h in (22, 23)]
+    path = put("time,probe_um\n" + "\n".join(rows) + "\n")
+    with open_stream(path) as stream, pytest.raises(ReadError, match=r"line 4: .*with the year"):
+        list(stream.chunks(10))
 
 
 def test_a_clock_beside_dates_of_unknown_order_is_not_read_without_them(put):

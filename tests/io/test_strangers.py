@@ -4,9 +4,11 @@ Each case is what a stranger's program put round the same thirty readings, and w
 """
 
 import math
+import zipfile
 
 import numpy as np
 import pytest
+import scipy.io
 
 import metrosep as ms
 from metrosep.io.stream import open_stream
@@ -479,3 +481,57 @@ def test_times_of_two_numbers_are_refused_in_chunks_too(put):
         list(stream.chunks(10))
     beside = put(table("date,time,z_um", lambda k, x, z: f"2026-11-28,00:{k:02d},{z}"), "b.csv")
     assert ms.read(beside).t[1] == pytest.approx(60.0, rel=0.0, abs=1e-9)
+
+
+def test_keys_with_numbers_above_names_are_no_row_of_dates(put):
+    """A waveform of a data acquisition: its interval stands above the names like a row."""
+    top = "delta t\t0,01\t0,01\n\ntime\tA [um]\tB [um]"
+    rows = table(top, lambda k, x, z: f"05.03.2026 14:59:{k:02d},50\t{comma(x)}\t{comma(z)}")
+
+    found = ms.read(put(rows))
+
+    np.testing.assert_allclose(found.t, np.arange(N), rtol=0, atol=1e-9)  # stamps are whole ns
+    np.testing.assert_allclose(found.channels["B [um]"], np.array(Z) * 1e-6, rtol=0, atol=TIGHT)
+    below = rows.replace("time\tA [um]\tB [um]\n", "")
+    moved = below.replace("delta t\t0,01\t0,01\n\n", "time\tA [um]\tB [um]\nStart\t0,01\t0,01\n")
+    with pytest.raises(ms.errors.ReadError, match="line 2"):  # below the names it is a damaged row
+        ms.read(put(moved, "moved.csv"))
+
+
+def test_a_historian_names_the_unit_of_its_values(put):
+    rows = table(
+        "Timestamp;Value [µm];Quality",
+        lambda k, x, z: f"2026-03-05T14:59:{k:02d}Z;{z};{'Bad' if k == 9 else 'Good'}",
+    )
+
+    found = ms.read(put(rows)).channels["value"]
+
+    expected = [math.nan if k == 9 else z * 1e-6 for k, z in enumerate(Z)]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=TIGHT)
+
+
+def test_variables_of_matlab_whose_names_end_in_a_unit(tmp_path):
+    path = tmp_path / "run.mat"
+    scipy.io.savemat(path, {"x_mm": np.array(X), "z_um": np.array(Z)})
+
+    found = ms.read(path)
+
+    np.testing.assert_allclose(found.x, np.array(X) * 1e-3, rtol=0, atol=TIGHT)
+    np.testing.assert_allclose(found.z, np.array(Z) * 1e-6, rtol=0, atol=TIGHT)
+
+
+def test_a_zip_with_one_file_is_that_file(tmp_path):
+    path = tmp_path / "run.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("run.csv", table("x_mm;z_um", lambda k, x, z: f"{x};{z}"))
+        archive.writestr("__MACOSX/._run.csv", b"\0\5\x16\7")
+    assert ms.read(path).z.tolist() == [z * 1e-6 for z in Z]
+
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("more.csv", "1")
+    with pytest.raises(ms.errors.UnknownFormatError):
+        ms.read(path)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("bomb.csv", bytes(2**27))
+    with pytest.raises(ms.errors.UnsupportedFeatureError, match="unpack it first"):
+        ms.read(path)

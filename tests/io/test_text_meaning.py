@@ -598,3 +598,22 @@ def test_a_channel_whose_unit_is_not_known_is_not_dropped_in_silence(put):
     assert "column 'force' holds texts such as '0.5 N'" in warning
     plain = put(table("t_s;z_um;force [N]", *(r.partition(" N")[0] for r in rows)))
     assert ms.read(plain).channels["force [N]"].tolist() == [i + 0.5 for i in range(8)]
+
+
+def test_a_marker_in_a_column_that_is_not_asked_for_blocks_no_other(put):
+    """A counter or a status may end at 999; the same column asked for is refused."""
+    rows = [f"{i / 10},{(7 * i) % 5}.5,{9999 if i == 20 else i % 4}" for i in range(40)]
+    path = put("x_mm,z_um,status\n" + "\n".join(rows) + "\n")
+
+    found = ms.read(path, x="x_mm", z="z_um")
+
+    assert found.z[21] == pytest.approx(2.5e-6, rel=1e-12)  # rounded in one product
+    assert any("holds 9999 in 1 row" in w for w in found.metadata["warnings"])
+    assert len(ms.read_runs(path, x="x_mm", z="z_um")[0].z) == len(rows)
+    for options in ({}, {"x": "x_mm", "z": "status:um"}):
+        with pytest.raises(ms.errors.AmbiguousFormatError, match="line 22"):
+            ms.read(path, **options)
+    with open_stream(path, channels=["z_um"]) as stream:
+        assert sum(c["z_um"].size for c in stream.chunks(16)) == len(rows)
+    with open_stream(path) as stream, pytest.raises(ms.errors.ReadError, match="holds 9999"):
+        list(stream.chunks(16))

@@ -30,6 +30,7 @@ from metrosep.core.units import Unit
 from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
 from metrosep.io.registry import mismatch, sniffer
 from metrosep.io.source import HDF5_MAGIC, MAX_PIXELS, RawFile, refuse_options
+from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.logger import Channels
 from metrosep.io.text.measurement import columns_as_object, map_as_surface
 from metrosep.io.text.table import ColumnSpec
@@ -137,11 +138,16 @@ def _vectors(
         raise _unclear(file, values)
     length = found[named[0]].size if named else max(v.size for v in found.values())
     alike: dict[str, tuple[Any, Unit | None]] = {
-        n: (v, None) for n, v in found.items() if v.size == length
+        n: (v, _own_unit(n)) for n, v in found.items() if v.size == length
     }
     if split or channel is None:
         return alike
     return {n: v for n, v in alike.items() if n == channel or n.lower() in _TIMES}
+
+
+def _own_unit(name: str) -> Unit | None:
+    """Return the unit in which the name of a variable ends, such as z_um; x_in is an input."""
+    return None if name.endswith("_in") else header_unit(name)[1]
 
 
 def _names(spec: ColumnSpec) -> tuple[str, ...]:

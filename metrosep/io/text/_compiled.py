@@ -17,12 +17,27 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 
-__all__ = ["columns_of", "may_hold_comments", "single_blanks", "without_groups", "without_quotes"]
+__all__ = [
+    "columns_of",
+    "may_hold_comments",
+    "n_in",
+    "single_blanks",
+    "without_groups",
+    "without_quotes",
+]
 
 _LONG: Final = 2**18
 """Characters from which pandas is faster, also when it must be loaded first."""
 _WIDE: Final = 2**14
 """Characters of a line from which pandas, which makes each column by itself, is slower again."""
+
+
+def n_in(text: str, *marks: str) -> list[int]:
+    """Return how often each of some characters stands in a text, faster than `str.count`."""
+    octets = np.frombuffer(text.encode("utf-8", "surrogatepass"), dtype=np.uint8)
+    return [
+        int(np.count_nonzero(octets == ord(m))) if m.isascii() else text.count(m) for m in marks
+    ]
 
 
 def may_hold_comments(text: str, mark: str) -> bool:
@@ -118,6 +133,7 @@ def columns_of(
     mark: str,
     labels: Sequence[bool],
     missing: frozenset[str] | set[str],
+    n_lines: int,
     decimal: str = ".",
 ) -> list[FloatArray | list[str]]:
     """Return the columns of lines of which the separators were counted; ValueError where one is odd.
@@ -125,7 +141,7 @@ def columns_of(
     NumPy reads short texts, since pandas takes long to load; both give the nearest float. Without words
     for "not measured" a column that holds one is odd.
     """
-    if len(text) < _LONG or len(text) > _WIDE * (text.count("\n") + 1):
+    if len(text) < _LONG or len(text) > _WIDE * n_lines:
         if any(labels):
             raise ValueError
         numbers = np.loadtxt(
@@ -140,13 +156,13 @@ def columns_of(
     words = sorted(
         {w for m in missing for w in (m, m.upper(), m.title(), m.replace("nan", "NaN"))}
     )
-    unmeasured: dict[Any, Any] = {k: words for k, label in enumerate(labels) if not label}
+    unmeasured: Any = {k: words for k, label in enumerate(labels) if not label} if words else None
     frame = pd.read_csv(
         io.BytesIO(text.encode()),
         header=None,
         sep=r"\s+" if mark == " " else mark,
         decimal=decimal,
-        dtype=kinds,
+        dtype=kinds if any(labels) else np.float64,
         keep_default_na=False,
         na_values=unmeasured,
         na_filter=bool(words),
@@ -154,7 +170,7 @@ def columns_of(
         low_memory=False,
         float_precision="round_trip" if before else None,
     )
-    has_blanks = " " in text or any(map(text.count, _BLANKS))
+    has_blanks = any(labels) and any(b in text for b in _BLANKS)
     return [
         _texts(frame[k].to_numpy(), has_blanks=has_blanks)
         if label
@@ -163,7 +179,7 @@ def columns_of(
     ]
 
 
-_BLANKS = "\t\v\f\u00a0\u2003\u3000"
+_BLANKS = " \t\v\f\u00a0\u2003\u3000"
 
 
 def _texts(values: NDArray[Any], *, has_blanks: bool) -> list[str]:

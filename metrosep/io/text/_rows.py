@@ -26,6 +26,7 @@ from metrosep.io.source import RawFile
 from metrosep.io.text._compiled import (
     columns_of,
     may_hold_comments,
+    n_in,
     single_blanks,
     without_groups,
     without_quotes,
@@ -40,6 +41,7 @@ from metrosep.io.text.dialect import (
     Layout,
     bare_unit,
     is_comment,
+    is_drawn,
     is_named_by_number,
     is_rule,
     n_used,
@@ -65,6 +67,8 @@ _LISTED: Final = 100
 
 _PART: Final = 2**20
 """Characters that are parsed at once: what is odd in one part does not slow the others."""
+_MANY: Final = 4
+"""Such parts that are tried together first, since each call of a parser has its price."""
 DECIMAL_SHOWN = {
     mark: re.compile(
         rf"(?<![\d.,])(?:0\d*{m}\d|\d{{4,}}{m}\d|\d{{1,3}}{m}(?:\d{{1,2}}|\d{{4,}})(?![\d.,])|{m}\d|"
@@ -76,7 +80,6 @@ DECIMAL_SHOWN = {
 
 _REMARK = re.compile(r"\s+[#%]\s*[^\W\d].*")
 """What somebody wrote behind a row."""
-_RULE = re.compile(r"([-=_])\1{2}")
 _COUNTED = re.compile(r"\(\d+ [^\W\d]+\)")
 """What a database writes below a table: (20 rows)."""
 _RULED = "-=*~_<>[] "
@@ -307,30 +310,41 @@ class Body:
 
     def take(self, text: str, *, last: bool) -> Iterator[Block]:
         r"""Yield the rows of the whole lines that come next, which end with ``\n``."""
-        start = 0
-        while start < len(text):
-            end = text.find("\n", start + _PART) + 1 or len(text)
-            block = self._take_part(text[start:end], last=last and end == len(text))
-            start = end
-            if block.lines.size:
+        for part, is_last in _in_parts(text, _MANY * _PART, last=last):
+            block = self._quick_block(part)
+            if block is not None:
                 yield block
+                continue
+            for small, is_end in _in_parts(part, _PART, last=is_last):
+                one = self._quick_block(small) if len(small) < len(part) else None
+                block = self._slow_block(small, last=is_end) if one is None else one
+                if block.lines.size:
+                    yield block
 
-    def _take_part(self, text: str, *, last: bool) -> Block:
-        first, n_lines = self.line, text.count("\n") + (not text.endswith("\n"))
-        self.line += n_lines
+    def _quick_block(self, text: str) -> Block | None:
+        """Return the rows of lines that a compiled parser can take, else ``None``."""
         dialect = self._layout.dialect
+        n_lines, n_marks = n_in(text, "\n", dialect.separator[0])
+        n_lines += not text.endswith("\n")
         if '"' in text and not dialect.quoted and dialect.separator in MARKS.values():
             # quotes that the sample did not show
             self._layout = replace(self._layout, dialect=replace(dialect, quoted=True))
-        columns = self._fast(text, n_lines, first)
-        if columns is not None:
-            lines = np.arange(first, first + n_lines, dtype=np.int64)
-            self.ledger.count("data", n_lines)
-            begin = text.rfind("\n", 0, len(text) - 1) + 1
-            self.last_row = text[begin:]
-            block = Block(columns, lines)
-        else:
-            block = self._line_by_line(text, first, last=last)
+        first = self.line
+        columns = self._fast(text, n_lines, n_marks, first)
+        if columns is None:
+            return None
+        self.line += n_lines
+        self.ledger.count("data", n_lines)
+        self.last_row = text[text.rfind("\n", 0, len(text) - 1) + 1 :]
+        return self._seen(Block(columns, np.arange(first, self.line, dtype=np.int64)))
+
+    def _slow_block(self, text: str, *, last: bool) -> Block:
+        first = self.line
+        self.line += text.count("\n") + (not text.endswith("\n"))
+        return self._seen(self._line_by_line(text, first, last=last))
+
+    def _seen(self, block: Block) -> Block:
+        """Note where the rows end, and make declared markers NaN."""
         if block.lines.size:
             self.last_line = int(block.lines[-1])
         if self._markers:
@@ -355,7 +369,9 @@ class Body:
                 hint="report this file: it is an error of metrosep",
             )
 
-    def _fast(self, text: str, n_lines: int, first: int) -> list[FloatArray | list[str]] | None:
+    def _fast(
+        self, text: str, n_lines: int, n_marks: int, first: int
+    ) -> list[FloatArray | list[str]] | None:
         """Return the columns of a block in which every line is a row, else ``None``.
 
         The separators are counted, so that the compiled parser, which fills a short row in silence and
@@ -380,6 +396,7 @@ class Body:
             if plain is None:
                 return None
             text, mark = plain
+            (n_marks,) = n_in(text, mark)
         if mark == " " and any(
             self._labels
         ):  # of words the parser would fill a short row with none
@@ -387,7 +404,7 @@ class Body:
             if text.count(" ") != n_lines * (layout.n_raw - 1):
                 return None
         if mark != " ":
-            if text.count(mark) != n_lines * (layout.n_raw - 1):
+            if n_marks != n_lines * (layout.n_raw - 1):
                 return None
             if surplus := mark * (layout.n_raw - self._n):
                 text = text if text.endswith("\n") else text + "\n"
@@ -406,7 +423,7 @@ class Body:
                 text = text.replace(",", ".")
         missing = self._words - BEYOND if mark != " " else frozenset()
         decimal = dialect.decimal if any(self._labels) else "."
-        columns = self._parsed(text, mark, missing, decimal)
+        columns = self._parsed(text, mark, missing, n_lines, decimal)
         if columns is None or (any(self._labels) and mark == ";" and _has_empty(columns[0])):
             return None  # a line that begins with a semicolon may be a comment
         numbers = [c for c in columns if not isinstance(c, list)]
@@ -423,12 +440,17 @@ class Body:
         return columns
 
     def _parsed(
-        self, text: str, mark: str, missing: frozenset[str] | set[str], decimal: str
+        self,
+        text: str,
+        mark: str,
+        missing: frozenset[str] | set[str],
+        n_lines: int,
+        decimal: str,
     ) -> list[FloatArray | list[str]] | None:
         """Return the columns as the compiled parser reads them, words for no reading only once there are any."""
         for words in (missing,) if self._has_words else (frozenset(), missing):
             with contextlib.suppress(ValueError):
-                columns = columns_of(text, mark, self._labels, words, decimal)
+                columns = columns_of(text, mark, self._labels, words, n_lines, decimal)
                 self._has_words = bool(words)
                 return columns
         return None
@@ -614,7 +636,7 @@ class Body:
         """Whether a line is words, no row: it begins with a letter where a number should stand."""
         begin = fields[0].strip().strip('"')
         ruled = " ".join(f.strip() for f in fields)
-        if not ruled.strip("-=_+*| ") and _RULE.search(ruled):  # -----: also a word for no reading
+        if is_drawn(ruled):  # -----: also a word for no reading
             return len(fields) < self._n or not ruled.strip("=_+| ")
         if not any(self._labels):
             words = " ".join(fields).strip(_RULED + '"').lower().split()
@@ -730,7 +752,8 @@ class Body:
             elif (grouped := self._grouped_number(field, fields)) is not None:
                 values[i] = grouped
                 self._n_groups += 1
-                self._groups = [min([(int(lines[i]), field.strip()), *self._groups])]
+                if not self._groups or lines[i] < self._groups[0][0]:
+                    self._groups = [(int(lines[i]), field.strip())]
             else:
                 self._refuse_other_mark(int(lines[i]), field.strip(), name)
                 raise bad_field(self._file, int(lines[i]), field.strip(), f"column {name!r}")
@@ -764,6 +787,15 @@ class Body:
         if plain is None or (not is_sure and any(dialect.decimal in f for f in column)):
             return None
         return float(plain)
+
+
+def _in_parts(text: str, size: int, *, last: bool) -> Iterator[tuple[str, bool]]:
+    """Yield whole lines of about so many characters, and whether they are the last of the file."""
+    start = 0
+    while start < len(text):
+        end = text.find("\n", start + size) + 1 or len(text)
+        yield text[start:end], last and end == len(text)
+        start = end
 
 
 def _has_empty(column: FloatArray | list[str]) -> bool:

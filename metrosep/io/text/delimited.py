@@ -50,8 +50,8 @@ from metrosep.io.text.table import (
     Column,
     ColumnSpec,
     TextTable,
+    markers_in,
     read_table,
-    refuse_markers,
     text_of,
 )
 from metrosep.io.text.times import RunningClock, moments
@@ -294,7 +294,11 @@ class TextSource:
             lines = np.concatenate([kept_lines, own])
             columns = [replace(c, values=every[:, k]) for k, c in enumerate(self._columns)]
             options = self._source.head.options
-            for message in refuse_markers(self._file, columns, lines, options):
+            said, markers = markers_in(columns, lines, options)
+            for name in names:
+                if name in markers:
+                    raise AmbiguousFormatError(f"{self._file.path}: {markers[name]}")
+            for message in (*markers.values(), *said):
                 odd.setdefault(message.partition(" holds ")[0], message)
             kept, kept_lines = _sample(every, lines)
             rest = np.concatenate([rest, rows]) if rest.size else rows

@@ -46,6 +46,7 @@ __all__ = [
     "find_layout",
     "header_unit",
     "is_comment",
+    "is_drawn",
     "is_named_by_number",
     "is_number",
     "is_other_unit",
@@ -259,7 +260,8 @@ def are_rows_like_comments(lines: Sequence[str]) -> bool:
     return n > 0 and len(rest) > n and not is_comment(names) and all(alike)
 
 
-_RULE = re.compile(r"\s*[+|]?(?:[-=:]{2,}\+)*[-=:]{2,}[+|]?\s*")
+_CROSSED = re.compile(r"\s*[+|]?(?:[-=:]{2,}\+)*[-=:]{2,}[+|]?\s*")
+_DRAWN = re.compile(r"(?=.*([-=_])\1{2})[-=_|+*:\s]+")
 _BOX = str.maketrans(
     {chr(c): "+" for c in range(0x2500, 0x2580)}
     | dict.fromkeys("\u2500\u2501\u2504\u2505\u2508\u2509\u254c\u254d\u2550", "-")
@@ -272,7 +274,15 @@ _FRAMED = re.compile(r"(?m)^[ \t]*\|(.*)\|[ \t]*$")
 
 def is_rule(line: str) -> bool:
     """Return whether a line is drawn between rows, such as +----+----+."""
-    return "+" in line and _RULE.fullmatch(line) is not None
+    return "+" in line and _CROSSED.fullmatch(line) is not None
+
+
+def is_drawn(line: str) -> bool:
+    """Return whether a line holds nothing but what lines are drawn with, such as ----- or |---|:---:|.
+
+    Among rows it may be one of words for "not measured".
+    """
+    return _DRAWN.fullmatch(line) is not None
 
 
 def unframed(text: str, head: str) -> str:
@@ -630,6 +640,10 @@ def _fit(
         for i in alike
         if not any(kinds[i][k] in _TEXTS and not labels[k] for k in range(n))
     }
+    for i in sorted(rows):  # the date of a header begins with its key: "delta t", then numbers
+        if not dated[0] or kinds[i][0] != "label" or not split[i][0].strip()[:1].isalpha():
+            break
+        del rows[i]
     if not rows or min(rows) >= n_head:
         return None
     start = min(rows)

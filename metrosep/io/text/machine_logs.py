@@ -21,6 +21,7 @@ from metrosep.core.recording import Recording
 from metrosep.io.declared import Match
 from metrosep.io.registry import BuiltIn, demand, mismatch, sniffer
 from metrosep.io.source import RawFile, refuse_options
+from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.logger import Channels, text_lines
 
 __all__ = ["mtconnect", "opcua"]
@@ -43,6 +44,7 @@ class _Items:
     twice: int = 0
     bad: int = 0  # values whose quality is not good
     zone: str = ""
+    unit: str = ""  # of all values, as a header names it
 
     def add(self, name: str, at: int, text: str, *, missing: bool = False) -> None:
         """Add a value of an item; a word that is no number is counted."""
@@ -95,7 +97,7 @@ class _Items:
         for name, item in items.items():
             stamps = np.array(sorted(item), dtype=np.int64)
             t = np.asarray((stamps - first) * 1e-9, dtype=np.float64)
-            data.add(name, t, np.array([item[s] for s in stamps.tolist()]))
+            data.add(name, t, np.array([item[s] for s in stamps.tolist()]), self.unit)
         warnings = []
         if self.texts:
             shown = ", ".join(f"{n} ({k})" for n, k in self.texts.most_common(8))
@@ -204,7 +206,8 @@ def _opcua_items(file: RawFile) -> _Items:
         return file.corrupt(f"a row cannot be read ({exc})", field=f"line {rows.line_num}")
 
     try:
-        names = [re.sub(r"[\s_\-]", "", n).lower() for n in next(rows)]
+        named = [header_unit(n) for n in next(rows)]
+        names = [re.sub(r"[\s_\-]", "", n).lower() for n, _ in named]
     except csv.Error as exc:
         raise unreadable(exc) from None
 
@@ -214,6 +217,7 @@ def _opcua_items(file: RawFile) -> _Items:
     time, value, quality, item = (place(k) for k in (_TIME, _VALUE, _QUALITY, _ITEM))
     if time is None or value is None or quality is None:
         raise file.corrupt("lacks a column", field="line 1", expected="timestamp, value, quality")
+    items.unit = "" if (own := named[value][1]) is None else own.name
     try:
         for row in rows:
             if not any(row):

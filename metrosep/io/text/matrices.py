@@ -14,7 +14,7 @@ from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
 from metrosep.core.surface import Surface
 from metrosep.io.objects import ROW_ORDERS, make_surface, to_grid
 from metrosep.io.source import RawFile
-from metrosep.io.text.table import Table, to_si
+from metrosep.io.text.table import Table, refuse_marker, to_si
 
 __all__ = ["declared_units", "is_matrix", "looks_like_points", "matrix", "shown_columns"]
 
@@ -102,6 +102,8 @@ def matrix(
             f"{file.path}: a map of heights has one unit; give one, such as unit='nm'"
         )
     _refuse_gaps(file, table)
+    for c in table.columns:
+        refuse_marker(file, table, c.name)
     z = np.column_stack(
         [to_si(file, c, c.unit, dimension="length", role="z", scale=scale) for c in table.columns]
     )

@@ -9,14 +9,14 @@ import itertools
 import operator
 import re
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import FloatArray, way
 from metrosep.core.errors import (
     AmbiguousFormatError,
     DataError,
@@ -48,6 +48,7 @@ from metrosep.io.text.table import (
     Table,
     interruption,
     pick,
+    refuse_marker,
     sensitivity,
     to_si,
     without_empty_rows,
@@ -83,6 +84,8 @@ def measurement(
     scale: float | str | None = None,
 ) -> Profile | Recording | Surface:
     """Return the object that a table holds; see `metrosep.io.text.delimited.read`."""
+    if not any((channel, x, y, z, time)):  # else what is not asked for may hold what it wants
+        _refuse_markers(file, table, table.numbers)
     table, channel, labels = _rows_of(file, table, channel)
     table = _without_counter(table, given=(channel, x, y, z, time))
     unit = declared_units(unit)
@@ -127,6 +130,13 @@ def measurement(
         if found is not None:
             raise SeveralRunsError(file.path, found) from None
         raise FormatMismatchError(f"{file.path}: {exc}") from None
+
+
+def _refuse_markers(file: RawFile, table: Table, columns: Iterable[Column]) -> None:
+    """Refuse columns that hold a value for "not measured"; one that counts the rows may hold any."""
+    for column in columns:
+        if role_of(column.name) != "index":
+            refuse_marker(file, table, column.name)
 
 
 def _with_counted_time(table: Table) -> Table:
@@ -343,7 +353,9 @@ class _Made:
         column, unit = pick(self.file, self.table, spec, role=role)
         self.used[role] = column.name
         factor = self.scale if role == "z" else None
-        return to_si(self.file, column, unit, dimension="length", role=role, scale=factor)
+        values = to_si(self.file, column, unit, dimension="length", role=role, scale=factor)
+        values.setflags(write=False)  # made here, so that the object need not copy them
+        return values
 
     def described(self, *, is_profile: bool = False) -> dict[str, Any]:
         """Return metadata and history, which go on from those that metrosep wrote above the table."""
@@ -459,6 +471,7 @@ class _Made:
         if channel is not None:
             column, _ = pick(self.file, table, channel, role="channel")
             chosen = [c for c in chosen if c.name == column.name]
+        _refuse_markers(self.file, table, chosen)
         values = {
             c.name: c.values * (c.unit.factor if c.unit else 1.0)
             for c in chosen
@@ -697,9 +710,9 @@ def _refuse_two_positions(file: RawFile, x: Column, z: Column) -> None:
 
 def _is_monotonic(values: FloatArray | None, *, strictly: bool = True) -> bool:
     values = np.empty(0) if values is None else values
-    if strictly:
-        steps = np.diff(values)
-        return bool(steps.size) and bool((steps > 0.0).all() or (steps < 0.0).all())
+    rises = way(values) != 0
+    if rises or strictly:
+        return rises
     steps = np.diff(values[~np.isnan(values)])
     return bool((steps >= 0.0).all() or (steps <= 0.0).all())
 

@@ -15,6 +15,7 @@ from metrosep.io.text.dialect import (
     bare_unit,
     encoding_hint,
     header_unit,
+    is_drawn,
     is_number,
     is_other_unit,
     n_used,
@@ -23,8 +24,6 @@ from metrosep.io.text.dialect import (
 
 __all__ = ["BEGUN", "Preamble"]
 
-_RULE = re.compile(r"(?=.*([-=_])\1{4}|:?-{3,}:?\s*\|)[-=_|+*:\s]+")
-"""A line under the names: no word for "not measured" has five dashes in a row by itself, three of Markdown."""
 _UNIT_WORDS = frozenset(
     [
         "unit",
@@ -66,8 +65,8 @@ class Preamble:
 
     def take(self, line: str, number: int) -> str | None:
         """Return the class of a line; None where it waits to be refused."""
-        if _RULE.fullmatch(line):
-            return "preamble"
+        if is_drawn(line):
+            return "rule"
         fields = [f.strip() for f in self._dialect.split([line])[0]]
         if fields[0].rstrip(": ").casefold() in _UNIT_WORDS:
             fields[0] = ""

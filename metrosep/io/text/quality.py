@@ -212,9 +212,8 @@ def marker_of(values: FloatArray) -> tuple[float, float, bool] | None:
     value further than 5 R away is sure; one that repeats, beyond 0.5 R, and any other that repeats,
     beyond 20 R, are not.
     """
-    finite = np.isfinite(values)
-    rest = values if finite.all() else values[finite]
-    del finite
+    ends = (values.max(initial=0.0), values.min(initial=0.0))  # NaN where any value is
+    rest = values if np.isfinite(ends).all() else values[np.isfinite(values)]
     most = rest.size / 2
     aside: list[float] = []
     near: tuple[float, float, bool] | None = None

@@ -68,9 +68,10 @@ __all__ = [
     "Table",
     "TextTable",
     "interruption",
+    "markers_in",
     "pick",
     "read_table",
-    "refuse_markers",
+    "refuse_marker",
     "sensitivity",
     "text_of",
     "to_si",
@@ -162,12 +163,14 @@ def read_table(file: RawFile, **text: Any) -> Table:
     columns, beyond = _with_quantities(file, columns, rows.lines, source.head)
     columns, clocks, undecided = with_moments(file, columns, rows.lines, source.head.options)
     columns = [*names, *columns]
-    markers = refuse_markers(file, columns, rows.lines, source.head.options)
-    markers += _marked_bad(columns[len(names) :], rows.lines)
+    odd, markers = markers_in(columns, rows.lines, source.head.options)
+    odd += _marked_bad(columns[len(names) :], rows.lines)
     header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
     if undecided:
         header["undecided"] = undecided
-    warnings = (*source.warnings, *beyond, *markers, *undecided.values())
+    if markers:
+        header["markers"] = markers
+    warnings = (*source.warnings, *beyond, *markers.values(), *odd, *undecided.values())
     return Table(tuple(columns), rows.lines, header, warnings, source.lines)
 
 
@@ -362,7 +365,7 @@ class TextTable:
             return
         with file.stream() as handle:
             raw = handle.read(_BLOCK)
-            top = _plain(file, raw[: raw.rfind(_end_of(raw)) + 1], self._encoding, 1)
+            top = _plain(file, raw[: raw.rfind(_end_of(raw)) + 1], self._encoding, 0)
             self._first_part = top[:_FIRST_PART]
             top = unframed(top, self._first_part)
             further: list[str] = []
@@ -402,7 +405,7 @@ class TextTable:
             yield self._text, True
             return
         mark = _end_of(self._file.head)
-        left, n_lines = b"", 0
+        left, n_bytes = b"", 0
         with self._file.stream() as handle:
             data = handle.read(_BLOCK)
             while data:
@@ -416,9 +419,9 @@ class TextTable:
                     raise FormatMismatchError(
                         f"{self._file.path}: holds a line longer than {_BLOCK} bytes: not a table"
                     )
-                part = _plain(self._file, raw, self._encoding, n_lines + 1)
+                part = _plain(self._file, raw, self._encoding, n_bytes)
                 yield unframed(part, self._first_part), not follows
-                n_lines += raw.count(mark)
+                n_bytes += len(raw)
 
 
 _BLOCK = 2**22
@@ -430,34 +433,37 @@ def _end_of(head: bytes) -> bytes:
     return b"\n" if b"\n" in head else b"\r"
 
 
-def _plain(file: RawFile, raw: bytes, encoding: str, line: int) -> str:
+def _plain(file: RawFile, raw: bytes, encoding: str, start: int) -> str:
+    """Return the lines of a text that begin at a byte of the file."""
     try:
         return plain_ends(raw.decode(encoding))
     except (UnicodeDecodeError, LookupError) as exc:
-        at = line + (raw[: exc.start].count(b"\n") if isinstance(exc, UnicodeDecodeError) else 0)
+        odd = start + (exc.start if isinstance(exc, UnicodeDecodeError) else 0)
+        mark = _end_of(file.head)
+        with file.stream() as handle:
+            parts = iter(lambda: handle.read(min(_BLOCK, odd - handle.tell())), b"")
+            at = 1 + sum(p.count(mark) for p in parts)
         raise file.corrupt(f"is not {encoding} text", field=f"line {at}") from None
 
 
-def refuse_markers(
-    file: RawFile,
-    columns: Sequence[Column],
-    lines: NDArray[np.int64],
-    options: TextOptions,
-) -> list[str]:
-    """Return warnings about values that may mean "not measured"."""
+def markers_in(
+    columns: Sequence[Column], lines: NDArray[np.int64], options: TextOptions
+) -> tuple[list[str], dict[str, str]]:
+    """Return warnings about values that may mean "not measured", and what says so of columns where it is sure."""
     found: list[str] = []
+    markers: dict[str, str] = {}
     for column in () if options.missing is not None else columns:
         if column.values is None:
             continue
-        most = float(np.fmax.reduce(column.values, initial=0.0))
-        whole = max(most, -float(np.fmin.reduce(column.values, initial=0.0)))
-        if whole > _WHOLE and column.unit is not None and column.unit.dimension == "time":
-            step = np.spacing(whole) * column.unit.factor
-            found.append(
-                f"column {column.name!r} holds numbers of {len(f'{whole:.0f}')} digits, which are kept to "
-                f"{step:.2g} s; export the time from the start of the recording if that is too coarse"
-            )
         if column.unit is not None and column.unit.dimension == "time":
+            most = float(np.fmax.reduce(column.values, initial=0.0))
+            whole = max(most, -float(np.fmin.reduce(column.values, initial=0.0)))
+            if whole > _WHOLE:
+                step = np.spacing(whole) * column.unit.factor
+                found.append(
+                    f"column {column.name!r} holds numbers of {len(f'{whole:.0f}')} digits, which are kept to "
+                    f"{step:.2g} s; export the time from the start of the recording if that is too coarse"
+                )
             continue
         marker = marker_of(column.values)
         if marker is None:
@@ -471,9 +477,16 @@ def refuse_markers(
             f"missing='{text}', else missing='none'"
         )
         if sure:
-            raise AmbiguousFormatError(f"{file.path}: {message}")
-        found.append(message)
-    return found
+            markers[column.name] = message
+        else:
+            found.append(message)
+    return found, markers
+
+
+def refuse_marker(file: RawFile, table: Table, name: str) -> None:
+    """Refuse a column that is used where one of its values surely means "not measured"."""
+    if (message := table.header.get("markers", {}).get(name)) is not None:
+        raise AmbiguousFormatError(f"{file.path}: {message}")
 
 
 _MOST_RANGES = 100
@@ -747,6 +760,7 @@ def pick(
         number = int(name)
         name = table.names[number - 1] if 1 <= number <= len(table.names) else name
     column = table[find_column(name, table.names, file.path, role=role)]
+    refuse_marker(file, table, column.name)
     if not declared:
         return column, column.unit
     unit = parse_unit(declared)

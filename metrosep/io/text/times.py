@@ -7,7 +7,6 @@ themselves or refused.
 
 from __future__ import annotations
 
-import datetime as dt
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -49,6 +48,7 @@ _MOMENT = re.compile(rf"{_DATE}(?:(?:T|,?\s+){_CLOCK}{_ZONE})?|{_CLOCK.replace('
 _SECOND = 10**9
 _DAY = 86400 * _SECOND
 _HALF = 43200 * _SECOND
+_FIRST_SHORT = 69
 _FIRST_YEAR, _LAST_YEAR = 1900, 2149
 """Years of measurements: the time between any two of them is a number of ns of 64 bits."""
 
@@ -128,7 +128,7 @@ class Entries:
         self.is_empty = np.zeros(n, dtype=np.bool_)
         self.is_dated = np.zeros(n, dtype=np.bool_)
         self.is_swappable = np.zeros(n, dtype=np.bool_)  # a/b/y, of which a is taken as the month
-        self.is_short = np.zeros(n, dtype=np.bool_)  # of these, whether a may be the year: a/b/yy
+        self.is_short = np.zeros(n, dtype=np.bool_)  # whether a may be the year: a/b/yy, a.b.yy
         self.date = np.zeros((3, n), dtype=np.int64)  # year, month, day
         self.form = np.zeros(n, dtype=np.int8)  # of the time of day: index of `_FORMS`
         self.ns = np.zeros(n, dtype=np.int64)  # of the day
@@ -196,7 +196,7 @@ class Entries:
             year = _in_full(whole("y2")) if is_short else whole("y2")
             one, two = whole("a"), whole("b")
             is_swappable = text[slice(*span["s2"])] != "."
-            self.is_short[rows] = is_short and is_swappable
+            self.is_short[rows] = is_short
             self.is_swappable[rows] = is_swappable
             self.date[:, rows] = [year, one, two] if is_swappable else [year, two, one]
         elif "name" in span:
@@ -239,8 +239,8 @@ _TEN = np.uint8(10)
 
 
 def _in_full(year: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return years of two digits as those of this century, or of the last where they lie ahead."""
-    return np.where(year > dt.date.today().year - 2000, year + 1900, year + 2000)
+    """Return years of two digits as 1969 to 2068, as POSIX does: no clock of a computer decides."""
+    return np.where(year >= _FIRST_SHORT, year + 1900, year + 2000)
 
 
 def _whole(codes: NDArray[Any], first: int, end: int) -> NDArray[np.int64]:
@@ -332,6 +332,7 @@ class RunningClock:
         self._first: int | None = None
         self._last = self._days = 0
         self._form: tuple[bool, int, bool] | None = None
+        self._date: NDArray[np.int64] | None = None  # the last one of the part before
 
     def seconds(
         self, texts: Sequence[str], lines: NDArray[np.int64], days: Sequence[str] | None = None
@@ -347,8 +348,8 @@ class RunningClock:
         form = dated.is_dated[rows], own.form[rows], own.is_zoned[rows]
         first = self._form or (bool(form[0][0]), int(form[1][0]), bool(form[2][0]))
         faults = [
-            *self._faults(own, rows, texts),
-            *(() if beside is None else self._faults(beside, rows, days or ())),
+            *self._faults(own, rows, texts, self._date if beside is None else None),
+            *(() if beside is None else self._faults(beside, rows, days or (), self._date)),
             (
                 (form[0] != first[0]) | (form[1] != first[1]) | (form[2] != first[2]),
                 texts,
@@ -369,7 +370,7 @@ class RunningClock:
                 f"{self._where}: line {int(lines[i])}: {shown[i]!r} {why}; read the file as a whole with "
                 "metrosep.read, or name the other channels with channels="
             )
-        self._form = first
+        self._form, self._date = first, dated.date[:, rows[-1:]]
         ns = own.ns[rows] - own.offset[rows]
         if first[0]:
             ns = ns + _day_numbers(*dated.date[:, rows])[0] * _DAY
@@ -384,13 +385,20 @@ class RunningClock:
 
     @staticmethod
     def _faults(
-        entries: Entries, rows: NDArray[np.intp], texts: Sequence[str]
+        entries: Entries,
+        rows: NDArray[np.intp],
+        texts: Sequence[str],
+        before: NDArray[np.int64] | None,
     ) -> list[tuple[NDArray[np.bool_], Sequence[str], str]]:
         """Return for each reason which rows it holds for."""
         date = entries.date[:, rows]
         is_date = _day_numbers(*date)[1] | ~entries.is_dated[rows]
         either = entries.is_swappable[rows] & (date[1] != date[2])
-        either |= entries.is_short[rows] & (date[0] % 100 != date[1])
+        is_short, is_swappable = entries.is_short[rows], entries.is_swappable[rows]
+        either |= is_short & is_swappable & (date[0] % 100 != date[1])
+        # 26.03.05, 26.03.06: where the first part stays while a date changes, it may be the year
+        steps = np.diff(date, prepend=date[:, :1] if before is None else before)
+        either |= is_short & ~is_swappable & steps.any(axis=0) & (steps[2] == 0)
         is_known = entries.is_known[rows] & entries.is_time[rows] & is_date
         return [
             (~is_known, texts, "is not a date or a time of day"),
@@ -424,10 +432,14 @@ def _days(
     """Return the days since 1970, and the first; the order of day, month and year is settled or refused."""
     year, one, two = entries.date[:, rows]
     orders = [(year, one, two)]
-    if entries.is_swappable[rows].any():
+    is_swappable = entries.is_swappable[rows]
+    if is_swappable.any():
         orders.append((year, two, one))
-    if entries.is_short[rows].all():  # a/b/yy may be year, month and day
-        orders.append((_in_full(one), two, year % 100))
+    if entries.is_short[rows].all():  # a/b/yy and a.b.yy may be year, month and day
+        first_part, second_part = (
+            np.where(is_swappable, a, b) for a, b in ((one, two), (two, one))
+        )
+        orders.append((_in_full(first_part), second_part, year % 100))
     numbered = [_day_numbers(*order) for order in orders]
     readings = [numbers for numbers, is_date in numbered if is_date.all()]
     if not readings:
@@ -446,6 +458,8 @@ def _days(
                 "sampling_rate="
             )
         readings = likely
+    elif not is_swappable.any():  # 05.03.26: the day stands first where no step depends on it
+        readings = readings[:1]
     starts = dict.fromkeys(str(np.datetime64(int(r[0]), "D")) for r in readings)
     return readings[0], " or ".join(starts)
 

@@ -281,7 +281,7 @@ def _calibration(rest: Mapping[str, Any]) -> tuple[Any, tuple[Step, ...]]:
 
 
 def _columns(file: Any, **roles: tuple[str, str]) -> Any:
-    from metrosep.io.runs import Role, read_roles
+    from metrosep.io.role_columns import Role, read_roles
 
     return read_roles([file], {k: Role(column, kind) for k, (column, kind) in roles.items()})
 

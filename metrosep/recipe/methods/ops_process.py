@@ -439,7 +439,8 @@ def centre_of(options: Mapping[str, Any]) -> tuple[float, float] | None:
 
 def columns_in_units(path: str, *usual: str) -> dict[str, Any]:
     """Return columns of a file in SI by their bare names, each in the unit that its header states."""
-    from metrosep.io.runs import Role, columns_of, read_roles
+    from metrosep.io.role_columns import Role, read_roles
+    from metrosep.io.runs import columns_of
     from metrosep.io.source import open_file
 
     _, table, _ = columns_of(open_file(path), {})
@@ -656,7 +657,7 @@ def _logged(rest: Mapping[str, Any], job: Any) -> tuple[Any, Any]:
 
 def _log_columns(rest: Mapping[str, Any]) -> RoleColumns:
     """Return time, command and actual position of the log of a dry run, those of X if they are named."""
-    from metrosep.io.runs import Role, read_roles
+    from metrosep.io.role_columns import Role, read_roles
 
     roles = {
         name: Role(rest.get(f"log_{name}", usual), kind)
