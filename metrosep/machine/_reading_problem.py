@@ -484,14 +484,19 @@ class Problem:
             solved[rows] = part / fit.scales[stream.which] ** 2
         k = wider.n_terms
         across = Z.T @ solved[:, :k]
-        information = X.T @ solved[:, :k] - across.T @ fit.cov @ across
+        plain = X.T @ solved[:, :k]
+        information = plain - across.T @ fit.cov @ across
+        # what the fitted orders hold already shows by rounding only
+        new = np.diag(information) > _SEEN * np.diag(plain)
         score = X.T @ solved[:, -1]
         axes = [axis_of_term(self.chain, name.split(" ")[0]) for name in wider.names[:k]]
         found = {}
         for axis in dict.fromkeys(axes):
-            mine = [i for i, a in enumerate(axes) if a == axis]
+            mine = [i for i, a in enumerate(axes) if a == axis and new[i]]
+            if not mine:
+                continue
             own = information[np.ix_(mine, mine)]
-            size = np.sqrt(np.maximum(np.diag(own), 1e-300))
+            size = np.sqrt(np.diag(own))
             values, vectors = np.linalg.eigh(own / np.outer(size, size))
             kept = values > 1e-6 * max(values.max(), 1.0)
             parts = vectors[:, kept].T @ (score[mine] / size)
