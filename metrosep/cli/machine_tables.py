@@ -21,6 +21,7 @@ from metrosep.cli.options import (
     name_values,
     phase,
     say,
+    tool_option,
 )
 
 if TYPE_CHECKING:
@@ -42,11 +43,7 @@ _VOLUME = (
 def _where(command: F) -> F:
     """Add the options that say where the axes and the tool are."""
     for option in (
-        click.option(
-            "--tool",
-            metavar="X,Y,Z",
-            help='Tool point in the frame of the last element: "0 mm,0 mm,-80 mm".',
-        ),
+        tool_option,
         click.option(
             "--span",
             "spans",

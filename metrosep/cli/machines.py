@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,7 @@ from metrosep.cli.options import (
 from metrosep.cli.shortcut import list_of, listed, own_recipe, quoted
 
 if TYPE_CHECKING:
-    from metrosep.machine import CircleTest
+    from metrosep.machine import Chain, CircleTest
     from metrosep.recipe.result import Result
 
 __all__ = ["calibrate", "circle", "read", "thermal"]
@@ -43,7 +44,15 @@ A SET, readings of an R-test:
 
 @click.command(epilog=_A_SET)
 @click.argument("machine")
-@click.argument("sets", nargs=-1, required=True, metavar="SET...")
+@click.argument("sets", nargs=-1, metavar="SET...")
+@click.option(
+    "--candidate",
+    "candidates",
+    multiple=True,
+    metavar="SET",
+    help="Set-up that could be read next, a SET without readings: instead of terms, list by which of them the "
+    "error of the tool point becomes known best.",
+)
 @click.option(
     "--degree",
     "degrees",
@@ -80,6 +89,7 @@ def calibrate(
     /,
     machine: str,
     sets: tuple[str, ...],
+    candidates: tuple[str, ...],
     out: str | None,
     force: bool,
     print_recipe: bool,
@@ -96,6 +106,25 @@ def calibrate(
     Terms that the readings cannot distinguish are named. With -o the terms are written as 'machine-tables'
     takes them.
     """
+    degrees = {k: _count(v, k) for k, v in name_values(options["degrees"], "--degree")}
+    if candidates:
+        kept = {
+            "-o": out,
+            "--print-recipe": print_recipe,
+            "--force": force,
+            "--home": options["homes"],
+        }
+        kept |= {"--all-readings": options["all_readings"], "--smallest": options["smallest"]}
+        for name, given in kept.items():
+            if given:
+                raise click.UsageError(
+                    f"--candidate lists set-ups and finds no terms: take {name} out"
+                )
+        return _planned(
+            chain_of(machine, options), sets, candidates, degrees, options["terms"], as_json
+        )
+    if not sets:
+        raise click.UsageError("Missing argument 'SET...': a file for each set-up that was read")
     lines = ["metrosep = 1", "", "[input]", f"files = {list_of(sets)}", "", "[[step]]"]
     lines += ['op = "calibrate"', f"machine = {quoted(machine)}"]
     if context.obj is not None:
@@ -106,7 +135,6 @@ def calibrate(
         lines.append(f"pivot_height = {quoted(options['pivot_height'])}")
     if options["terms"] is not None:
         lines.append(f"terms = {listed(options['terms'])}")
-    degrees = {k: _count(v, k) for k, v in name_values(options["degrees"], "--degree")}
     if degrees:
         lines.append(f"degrees = {{ {', '.join(f'{k} = {v}' for k, v in degrees.items())} }}")
     homes = name_values(options["homes"], "--home")
@@ -123,6 +151,58 @@ def calibrate(
     click.echo(result.produced.found.report())
     for file in result.files:
         say(f"wrote {file}")
+    return 0
+
+
+_PLACES = 5
+"""Of each axis, in the volume for which set-ups are planned."""
+
+
+def _planned(
+    chain: Chain,
+    done: tuple[str, ...],
+    candidates: tuple[str, ...],
+    degrees: Mapping[str, int],
+    terms: str | None,
+    as_json: bool,
+) -> int:
+    """Print the candidates in the order in which each adds most, over the box and the tools of all sets."""
+    import numpy as np
+
+    from metrosep.core.units import format_length
+    from metrosep.io.reading_sets import read_reading_set
+    from metrosep.machine import plan_calibration
+
+    possible = [read_reading_set(f, chain, needs_readings=False) for f in candidates]
+    have = [read_reading_set(f, chain) for f in done]
+    every = [*possible, *have]
+    box = {
+        a: np.linspace(
+            min(np.min(s.q[a]) for s in every), max(np.max(s.q[a]) for s in every), _PLACES
+        )
+        for a in every[0].q
+    }
+    grid = np.meshgrid(*box.values(), indexing="ij")
+    tools = sorted({tuple(map(float, np.ravel(s.tool)[:3])) for s in every})
+    found = plan_calibration(
+        chain,
+        possible,
+        volume={a: g.ravel() for a, g in zip(box, grid, strict=True)},
+        tools=tools,
+        degrees=degrees or None,
+        terms=None if terms is None else [t.strip() for t in terms.split(",") if t.strip()],
+        done=have,
+    )
+    if as_json:
+        listed = [{"set": name, "u_rms_m": u} for name, u in found]
+        click.echo(json.dumps({"plan": listed}, allow_nan=False))
+        return 0
+    for i, (name, u) in enumerate(found, 1):
+        click.echo(f"{i}  {name:24s} u of the error {format_length(u)} RMS once it is read too")
+    say(
+        f"over {_PLACES} places of each axis, {', '.join(box)}, between the ends that the sets reach, and "
+        f"{len(tools)} tool points; white noise, u of the sets or 0.1 um"
+    )
     return 0
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from metrosep.cli.options import json_option, name_values, option_words, say
-from metrosep.cli.shortcut import PARTS_AND_REPORT, list_of, own_recipe, quoted
+from metrosep.cli.options import json_option, name_values, option_words, say, tool_option
+from metrosep.cli.shortcut import PARTS_AND_REPORT, list_of, listed, own_recipe, quoted
 from metrosep.core.options import KINDS
 from metrosep.core.readable import readable_text
 from metrosep.separation.positions.laser_options import AIR_KEYS
@@ -81,6 +81,7 @@ Examples:
     help="Values are standard uncertainties (default) or half-widths.",
 )
 @click.option("--spindle-errors", type=click.Choice(["co-rotating", "fixed"]))
+@tool_option
 @click.option("-o", "--out", metavar="DIR", help="Folder for report, table and result.json.")
 @click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")
 @json_option
@@ -102,6 +103,9 @@ def rank(
     own machine to copy, with all its keys. A term that is not named has no error.
     """
     lines = ["metrosep = 1", "", "[[step]]", 'op = "rank"', f"machine = {quoted(machine)}"]
+    tool = options.pop("tool")
+    if tool is not None:
+        lines.append(f"tool = {listed(tool)}")
     for key, value in options.items():
         if value is not None:
             lines.append(f"{key} = {value if isinstance(value, float) else quoted(value)}")
@@ -116,7 +120,7 @@ def rank(
 
 def _ranked_words(message: str) -> str:
     """Return a message of the step ``rank`` with its keys as options of the command."""
-    keys = ("all_lengths", "all_angles", "inner_radius", "spindle_errors", "pivot_height")
+    keys = ("all_lengths", "all_angles", "inner_radius", "spindle_errors", "pivot_height", "tool")
     words = re.sub(r"^form = ", "--form ", option_words(readable_text(message), keys))
     words = re.sub(r"\bat = \{ (.+?) \}", _as_options, words)
     return re.sub(r'\b(E[XYZABC]{2}) = "', r'--error "\1=', words)

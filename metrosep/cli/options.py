@@ -38,6 +38,7 @@ __all__ = [
     "say",
     "say_next",
     "table_options",
+    "tool_option",
     "with_expansion",
 ]
 
@@ -76,6 +77,15 @@ def machine_options(command: F) -> F:
     ):
         command = click.option(name, metavar="LENGTH", help=text)(command)
     return command
+
+
+def tool_option(command: F) -> F:
+    """Add ``--tool``."""
+    return click.option(
+        "--tool",
+        metavar="X,Y,Z",
+        help='Tool point in the frame of the last element: "0 mm,0 mm,-80 mm".',
+    )(command)
 
 
 def chain_of(machine: str, options: dict[str, Any]) -> Chain:

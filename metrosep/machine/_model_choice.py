@@ -65,8 +65,8 @@ def raised_degrees(
         best, at = _plain(system, fit, floors), 0
         wider = {}
         for top in _tops(problem, axis):
-            bases = {n: with_order(problem, n, {axis: top}, homes) for n in problem.bases}
-            if bases == problem.bases:
+            bases = {n: with_order(problem, n, {axis: top}, homes) for n in problem.wanted}
+            if bases == problem.wanted:
                 continue
             trial = Problem(problem.chain, bases, problem.sets)
             if trial.n_terms > most:
@@ -127,7 +127,7 @@ def shapes_left(problem: Problem, system: System, fit: Fit) -> list[str]:
     rest = system.y - system.design @ fit.beta
     found: dict[str, tuple[float, str]] = {}
     tried, kinds = 0, problem.chain.dimensions
-    rest_of = {e.name: set(element_terms(e)) - set(problem.bases) for e in problem.chain.elements}
+    rest_of = {e.name: set(element_terms(e)) - set(problem.wanted) for e in problem.chain.elements}
     for stream in system.streams:
         if not stream.rows.size:
             continue

@@ -46,6 +46,7 @@ ROUNDS = 10
 LARGEST = {"m": 1e-2, "rad": 1e-2}
 """A reading or an error beyond it is of no machine: its unit, or the machine, is another one."""
 _CHANCE = 1e-4
+_LOWEST = (1, 2, 3)  # orders at which a term begins
 """Of the next orders of an axis to be in the residuals by accident, where an order is added."""
 
 
@@ -164,7 +165,7 @@ def bases_of(
     terms: Sequence[str] | None,
     homes: Mapping[str, float],
 ) -> dict[str, Basis]:
-    """Return the shapes of each term that may be at work."""
+    """Return the shapes of each term that may be at work; of no order where its degree holds none."""
     wanted = chain.terms if terms is None else chain.known_terms(terms)
     of_axis = degrees if isinstance(degrees, Mapping) else {}
     for key in of_axis:
@@ -190,8 +191,7 @@ def bases_of(
                 None if degree is None else numbers.count(degree, f"degree of {term}", least=1)
             )
             basis = basis_of(element, term, places, checked, homes.get(element.name, 0.0))
-            if basis is not None:
-                found[term] = basis
+            found[term] = Basis("none", ()) if basis is None else basis
     return found
 
 
@@ -247,7 +247,8 @@ class Problem:
     """Columns of all sets: coefficients of the terms, then unknowns of the set-ups."""
 
     def __init__(self, chain: Chain, bases: Mapping[str, Basis], sets: list[ReadingSet]) -> None:
-        self.chain, self.bases, self.sets = chain, bases, sets
+        self.chain, self.sets, self.wanted = chain, sets, bases
+        self.bases = bases = {n: b for n, b in bases.items() if b.orders}
         self.names = [f"{n}{label}" for n, b in bases.items() for label in b.labels]
         self.units = [term_unit(chain, n) for n, b in bases.items() for _ in b.labels]
         self.n_terms = len(self.names)
@@ -465,7 +466,7 @@ class Problem:
         from scipy.stats import chi2 as chi2_of
 
         more = {}
-        for name, basis in self.bases.items():
+        for name, basis in self.wanted.items():
             further = _next(self, name, basis, homes)
             if further is not None:
                 more[name] = further
@@ -483,14 +484,19 @@ class Problem:
             solved[rows] = part / fit.scales[stream.which] ** 2
         k = wider.n_terms
         across = Z.T @ solved[:, :k]
-        information = X.T @ solved[:, :k] - across.T @ fit.cov @ across
+        plain = X.T @ solved[:, :k]
+        information = plain - across.T @ fit.cov @ across
+        # what the fitted orders hold already shows by rounding only
+        new = np.diag(information) > _SEEN * np.diag(plain)
         score = X.T @ solved[:, -1]
         axes = [axis_of_term(self.chain, name.split(" ")[0]) for name in wider.names[:k]]
         found = {}
         for axis in dict.fromkeys(axes):
-            mine = [i for i, a in enumerate(axes) if a == axis]
+            mine = [i for i, a in enumerate(axes) if a == axis and new[i]]
+            if not mine:
+                continue
             own = information[np.ix_(mine, mine)]
-            size = np.sqrt(np.maximum(np.diag(own), 1e-300))
+            size = np.sqrt(np.diag(own))
             values, vectors = np.linalg.eigh(own / np.outer(size, size))
             kept = values > 1e-6 * max(values.max(), 1.0)
             parts = vectors[:, kept].T @ (score[mine] / size)
@@ -665,6 +671,8 @@ def _next(problem: Problem, term: str, basis: Basis, homes: Mapping[str, float])
     """Return the next order of a term alone; None where it has none or the places do not show it."""
     if basis.kind == "constant":
         return None
+    if not basis.orders:
+        return lowest_of(problem, term, homes)
     whole = _of_degree(problem, term, max(basis.orders) + 1, homes)
     if whole is None:
         return None
@@ -672,6 +680,12 @@ def _next(problem: Problem, term: str, basis: Basis, homes: Mapping[str, float])
     if not last:
         return None
     return replace(whole, orders=last, off=None if whole.off is None else whole.off[-len(last) :])
+
+
+def lowest_of(problem: Problem, term: str, homes: Mapping[str, float]) -> Basis | None:
+    """Return the lowest order of a term that has none yet; None where the places do not show it."""
+    tried = (_of_degree(problem, term, n, homes) for n in _LOWEST)
+    return next((basis for basis in tried if basis is not None), None)
 
 
 def _of_degree(
@@ -691,7 +705,7 @@ def with_order(
     problem: Problem, term: str, raised: Mapping[str, int], homes: Mapping[str, float]
 ) -> Basis:
     """Return the shapes of a term with the order that its axis needs."""
-    basis, axis = problem.bases[term], axis_of_term(problem.chain, term)
+    basis, axis = problem.wanted[term], axis_of_term(problem.chain, term)
     if basis.kind == "constant" or axis not in raised:
         return basis
     return _of_degree(problem, term, raised[axis], homes) or basis

@@ -39,10 +39,12 @@ from metrosep.machine._reading_problem import (
     Problem,
     ReadingSet,
     System,
+    axis_of_term,
     bases_of,
     columns_of,
     is_place,
     is_stated,
+    lowest_of,
     repeated_rows,
     with_order,
 )
@@ -316,7 +318,7 @@ def calibrate(
         raise DataError("sets is a list of ReadingSet, one for each set-up")
     homes = dict(home or {})
     bases = bases_of(chain, sets, degrees, terms, homes)
-    if not bases:
+    if not any(b.orders for b in bases.values()):
         raise DataError(
             "no term is left to find: the axes did not move, or the degrees are too low"
         )
@@ -389,7 +391,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
                     f"{worst:.3g}; check its unit, its sign, its tool point and its set-up"
                 )
         begin = end
-    messages = [_gauge(chain, homes)]
+    messages = [_gauge(chain, homes), *_shapeless(problem, homes)]
     messages += [
         f"the readings hold more of {axis} than its orders: order {order} is there beyond chance; give a "
         f"higher degree ({axis}={order}), u does not contain what is missing"
@@ -579,6 +581,27 @@ def _gauge(chain: Chain, homes: Mapping[str, float]) -> str:
     )
 
 
+def _shapeless(problem: Problem, homes: Mapping[str, float]) -> list[str]:
+    """Return a sentence for each axis with terms that its degree gives no shape: they are zero in the fit."""
+    found: dict[str, list[str]] = {}
+    for term, basis in problem.wanted.items():
+        if not basis.orders:
+            found.setdefault(axis_of_term(problem.chain, term), []).append(term)
+    said = []
+    for axis, terms in found.items():
+        lowest = [b.orders[0] for t in terms if (b := lowest_of(problem, t, homes)) is not None]
+        ask = (
+            f"give a degree of {axis} ({axis}={max(lowest)}) to fit them"
+            if lowest
+            else f"more places of {axis} would show them"
+        )
+        said.append(
+            f"{', '.join(terms)}: taken as zero, because the orders that were fitted are what the place and "
+            f"the direction of {axis} do; {ask}"
+        )
+    return said
+
+
 # ---- which set-up would add most -------------------------------------------------------------------
 
 
@@ -642,7 +665,7 @@ def plan_calibration(
         raise DataError("no candidate is given")
     everything = [*candidates, *done]
     bases = bases_of(chain, everything, degrees, terms, {})
-    if not bases:
+    if not any(b.orders for b in bases.values()):
         raise DataError("no term is left to find: the axes do not move in any candidate")
     problem = Problem(chain, bases, everything)
     p = problem.n_terms
@@ -651,7 +674,7 @@ def plan_calibration(
         good = np.isfinite(np.asarray(reading.values))
         rows = problem.block(k, reading.instrument)[0][good]
         information.append(rows.T @ rows / (reading.u or noise) ** 2)
-    J = [columns_of(chain, bases, volume, tool) for tool in tools]
+    J = [columns_of(chain, problem.bases, volume, tool) for tool in tools]
     wanted = np.concatenate([j.reshape(-1, p) for j in J])
     square = wanted.T @ wanted / (wanted.shape[0] / 3)
     prior = np.array([LARGEST_ERROR[unit] for unit in problem.units[:p]])

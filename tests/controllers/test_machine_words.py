@@ -350,3 +350,34 @@ def test_the_options_by_the_command_line(tmp_path, capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["correction_si"]["X"] == pytest.approx([-2e-6, -2e-6], abs=1e-15)
     assert "X39.996" in (tmp_path / "o.nc").read_text()
+
+
+@pytest.mark.parametrize(
+    ("unit", "like", "said"),
+    [("G710", "G21", ""), ("G71", "G21", "F is taken to be in mm/min"), ("G700", "G20", "")],
+)
+def test_units_of_a_siemens_program(tmp_path, capsys, unit, like, said):
+    body = " G90 G94\nG0 X0. Y0. Z0. A-20. C0.\nG1 X0.5 Y-1.25 F50\nX1.5 A-30. F40\nM30\n"
+    written = []
+    for name, word in (("own", unit), ("usual", like)):
+        (tmp_path / name).mkdir()
+        code, err, text = by_command_line(
+            tmp_path / name, word + body, capsys, "--path-unit", "inch" if like == "G20" else "mm"
+        )
+        assert code == 0, err
+        assert said in err or name == "usual"
+        written.append(text.replace(word, "unit", 1))
+    assert written[0] == written[1]
+    assert written[0] != "unit" + body  # something was corrected
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [("G70", "G70: F stays in the basic unit"), ("G71 P10 Q20", "cycle"), ("G70 P1 Q2", "cycle")],
+)
+def test_g70_of_unknown_feed_and_cycles_of_lathes_are_refused(tmp_path, capsys, word, said):
+    text = f"{word}\nG90 G94\nG0 X0. Y0. Z0. A-20. C0.\nG1 X1. F50\nM30\n"
+    code, err, written = by_command_line(tmp_path, text, capsys)
+    assert code == 4
+    assert said in err
+    assert written == ""

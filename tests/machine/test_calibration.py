@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.machine import (
+    Angle,
     Displacement,
     Length,
     Nest,
@@ -627,3 +628,32 @@ def test_a_missing_pose_is_named_with_its_row():
     q["A"] = np.where(np.arange(72) % 30 == 4, np.nan, q["A"])
     with pytest.raises(InvalidSamplesError, match=r"position of A is missing .* 5 and at 2 more"):
         three_balls(q=q)
+
+
+@pytest.mark.parametrize("degrees", [None, {"A": 2}])
+def test_a_motion_without_a_shape_at_the_first_degree_is_found_or_named(degrees):
+    # radial motion of a part of a turn begins at order 3: what is below is where the axis stands
+    five = presets("five_axis", pivot_height=0.08)
+    low, high = np.radians([-95.0, 30.0])
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    x, root = 0.5 * (high - low) * nodes + 0.5 * (high + low), np.sqrt(weights)
+    third = [0.0, 0.0, 0.0, 4e-6]
+
+    def plain(v):
+        return np.polynomial.legendre.legval((2 * v - low - high) / (high - low), third)
+
+    def elsewhere(v):
+        return np.stack([np.ones_like(v), np.cos(v), np.sin(v)], 1)
+
+    amount = np.linalg.lstsq(elsewhere(x) * root[:, None], plain(x) * root, rcond=None)[0]
+    a = np.linspace(low, high, 26)
+    truth = plain(a) - elsewhere(a) @ amount
+    q = {"X": 0.0, "Y": 0.0, "Z": 0.0, "A": a, "C": 0.0}
+    line = ReadingSet(Displacement(direction=(0, 1, 0)), q, truth, name="line")
+    turn = ReadingSet(Angle(direction=(1, 0, 0)), q, 3e-6 * a - 3e-6 * a.mean(), unknown=("offset",))
+    found = calibrate(five, [line, turn], terms=["EYA", "EAA"], degrees=degrees)
+    if degrees is None:
+        assert np.abs(found["EYA"].evaluate(a) - truth).max() < PM
+        assert not any("taken as zero" in m for m in found.messages)
+    else:
+        assert any("EYA: taken as zero" in m and "A=3" in m for m in found.messages)

@@ -34,7 +34,11 @@ MM, INCH = 1e-3, 25.4e-3
 
 _NEUTRAL = frozenset({90, 150, 170, 180, 190, 400, 610, 611, 690, 901, 911, 970, 500, 960})
 _FEEDS = {930: "G93", 940: "G94", 950: "G95", 980: "G98", 990: "G99"}
-_UNITS = {200: INCH, 210: MM}
+_UNITS = {200: INCH, 210: MM, 7000: INCH, 7100: MM}
+_GEOMETRY_UNITS = (700, 710)
+"""G70, G71 of Sinumerik and TwinCAT: unit of positions; F stays in that of the control (802D sl manual, 8.2.3)."""
+_OF_CYCLES = frozenset("PQUWRDIK")
+"""Words that G70 and G71 have where they are cycles of lathes."""
 _CYCLES = {
     900: "a turning cycle",
     920: "a threading cycle",
@@ -340,6 +344,8 @@ class ModalState:
             self.motion = None
         elif code in _UNITS:
             self._units(_UNITS[code], name, line)
+        elif code in _GEOMETRY_UNITS and not self._is_cycle(words):
+            self._unit_of_geometry(code, name, line)
         elif code in _RETURNS and self.g_system in ("B", "mill"):
             return
         elif code in _FEEDS:
@@ -371,6 +377,18 @@ class ModalState:
             raise refuse_block(line, name, *_REFUSED[code])
         elif code not in _NEUTRAL:
             raise refuse_block(line, name, _UNKNOWN, "take it out of the path")
+
+    def _is_cycle(self, words: list[Token]) -> bool:
+        """Return whether G70 or G71 is a cycle of a lathe here, and no unit."""
+        return self.g_system in ("A", "B") or any(w.letter in _OF_CYCLES for w in words)
+
+    def _unit_of_geometry(self, code: int, name: str, line: int) -> None:
+        """Take G71; G70 is refused, because inches with a feed in mm/min are likely beside it."""
+        if code == _GEOMETRY_UNITS[0]:
+            why = "F stays in the basic unit of the control, which the text does not say"
+            raise refuse_block(line, name, why, "write G700 or G20, which hold for F too")
+        self._units(MM, name, line)
+        self.note("G71 holds for positions: F is taken to be in mm/min, the control's basic unit", line)
 
     def _units(self, scale: float, name: str, line: int) -> None:
         if self.scale is not None and self.scale != scale:
@@ -475,7 +493,7 @@ class ModalState:
             raise refuse_block(
                 line,
                 "a move",
-                "neither G20 (inch) nor G21 (mm) was stated",
+                "neither G20 (inch) nor G21 (mm) was stated, nor G700 or G710",
                 "add G21 or give unit='mm' (or 'inch')",
             )
         if self.away and self.cut:
