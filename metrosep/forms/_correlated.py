@@ -56,6 +56,8 @@ _NOISE = np.geomspace(1e-8, 10.0, 19)
 """White noise below a spectrum, over the mean power that this has along the polynomials."""
 _LAY = 1.0 / 8.0
 """Odds of a lay: its angle is taken from the residual, and eight can be distinguished on the lowest ring."""
+_HELD = 2
+"""Order of the parameters that are bounded by energy: piston, tilts, curvatures."""
 _RARE = 1e-4
 """Of all odds: a spectrum of less changes no digit of u."""
 
@@ -496,12 +498,15 @@ def _bound(law: FloatArray, order: FloatArray, s2: float, left: float) -> FloatA
 
     Of a wave of little more than a period no spectrum is the right one, and a steep one would give a
     tilt of a waviness of 1 um an uncertainty of 40 um. A fit without the columns of an order and of lower
-    ones would have left the sum of squares `left`, and what the columns of higher order took.
+    ones would have left the sum of squares `left`, and what the columns of higher order took. Beyond
+    `_HELD` there is no bound: of deviations that are smooth each order holds many times what all above it
+    do, and so do those that a wave gives to the last orders of a model that nearly follows it.
     """
     most = np.maximum(law, left)  # of a column that is not a polynomial: no bound
     for o in np.unique(order[~np.isnan(order)])[::-1]:
         here = order == o
-        most[here] = max(left, s2)
+        if o <= _HELD:
+            most[here] = max(left, s2)
         left += float(np.clip(law[here], s2, most[here]).sum())
     return most
 
