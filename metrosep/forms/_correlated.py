@@ -436,7 +436,8 @@ def _next_to_the_model(
     u = _of_mixture(weights, np.sqrt(np.diagonal(covs, axis1=1, axis2=2)), freedom, n)
     s2 = float(r @ r) / (N - p)
     u = np.maximum(u, np.sqrt(s2 * np.diag(white)))  # a lay may leave a parameter nothing
-    most = _bound(np.diag(R @ mean @ R.T), order, s2, float(r @ r))
+    wider = np.max(u * u / np.diag(mean))  # the tails of the mixture
+    most = _bound(np.diag(R @ mean @ R.T) * wider, order, s2, float(r @ r))
     held = np.minimum(u, np.sqrt(np.square(inverse) @ most))
     scale = size * held / np.sqrt(np.diag(mean))
     return mean * np.outer(scale, scale), n, bool((held < u)[1:].any())
@@ -505,8 +506,9 @@ def _bound(law: FloatArray, order: FloatArray, s2: float, left: float) -> FloatA
     most = np.maximum(law, left)  # of a column that is not a polynomial: no bound
     for o in np.unique(order[~np.isnan(order)])[::-1]:
         here = order == o
-        if o <= _HELD:
-            most[here] = max(left, s2)
+        most[here] = max(left, s2)
+        if o > _HELD:
+            most[here] = np.maximum(most[here], law[here])
         left += float(np.clip(law[here], s2, most[here]).sum())
     return most
 
