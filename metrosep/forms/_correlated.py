@@ -479,11 +479,8 @@ def _coloured(
     n, p = t.size, inverse.shape[0]
     own, beside = G[:, :p, :p], G[:, p : p + n, p : p + n]
     S = S / (S @ np.trace(beside, axis1=1, axis2=2) / n)[:, None]
-    power, axes = np.linalg.eigh(np.tensordot(S, beside, 1))
-    along = np.square(np.einsum("cij,i->cj", axes, t))
-    variances = np.maximum(power, 0.0)[:, None] + _NOISE[:, None]  # (spectrum, noise, polynomial)
-    left = (along[:, None] / variances).sum(axis=2)
-    logs = -0.5 * np.log(variances).sum(axis=2) - 0.5 * n * np.log(left)
+    volume, left = _over_noise(np.tensordot(S, beside, 1), t)
+    logs = -0.5 * volume - 0.5 * n * np.log(left)
     logs += np.log(odds / _NOISE.size)[:, None]
     white = inverse @ inverse.T
     kept = np.argwhere(logs > logs.max() + np.log(_RARE))
@@ -492,6 +489,32 @@ def _coloured(
         (float(logs[c, k]), float(n), (shapes[c] + _NOISE[k] * white) * (left[c, k] / n))
         for c, k in kept
     ]
+
+
+def _over_noise(C: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return log det(C + v) and t' (C + v)^-1 t for each matrix of C, (m, n, n), and v of `_NOISE`.
+
+    Householder's reflections turn C, with t as another row before it, into a tridiagonal matrix on the
+    first axis of which t lies: of C + v the corner of the inverse and the determinant are then n steps
+    of a continued fraction. A fifth of the work of all eigenvectors.
+    """
+    from scipy.linalg import lapack
+
+    n = t.size
+    size = float(np.linalg.norm(t))
+    d, square = np.empty((C.shape[0], n)), np.empty((C.shape[0], n))
+    bordered = np.zeros((n + 1, n + 1), order="F")
+    bordered[1:, 0] = t / size
+    for k, matrix in enumerate(C):
+        bordered[1:, 1:] = matrix
+        _, diagonal, beside, _, _ = lapack.dsytrd(bordered, lower=1)
+        d[k], square[k] = diagonal[1:], beside**2
+    step = d[:, -1, None] + _NOISE
+    volume = np.log(step)
+    for i in range(n - 1, 0, -1):
+        step = d[:, i - 1, None] + _NOISE - square[:, i, None] / step
+        volume += np.log(step)
+    return volume, size**2 / step
 
 
 def _bound(law: FloatArray, order: FloatArray, s2: float, left: float) -> FloatArray:
