@@ -6,9 +6,9 @@ d the distance to the outside. On a disc that is the cos^2 of the radius. Withou
 that falls like f^-4 is wrong by up to a factor of twenty (metrology-2, 7.2). With it the lowest bands
 still take in some of the waves longer than the part, 20 to 90 % too much for f^-4; so a spectrum that
 falls is taken from the slopes, whose own spectrum falls by f^2 less, and divided by what the difference
-of two samples passes. A gap of a profile that does not fall is closed by means of its surroundings, or
-it would be a wave of its own length. At the highest frequencies closing loses about the share that was
-closed.
+of two samples passes. Of a spectrum that does not fall a closed hole would be a patch of one height, a
+wave of its own length: each octave is that of closed holes or of holes left out of the window, whichever
+holds less. At the highest frequencies closing loses about the share that was closed.
 """
 
 from __future__ import annotations
