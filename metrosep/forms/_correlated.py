@@ -56,6 +56,8 @@ _NOISE = np.geomspace(1e-8, 10.0, 19)
 """White noise below a spectrum, over the mean power that this has along the polynomials."""
 _LAY = 1.0 / 8.0
 """Odds of a lay: its angle is taken from the residual, and eight can be distinguished on the lowest ring."""
+_HELD = 2
+"""Order of the parameters that are bounded by energy: piston, tilts, curvatures."""
 _RARE = 1e-4
 """Of all odds: a spectrum of less changes no digit of u."""
 
@@ -434,7 +436,8 @@ def _next_to_the_model(
     u = _of_mixture(weights, np.sqrt(np.diagonal(covs, axis1=1, axis2=2)), freedom, n)
     s2 = float(r @ r) / (N - p)
     u = np.maximum(u, np.sqrt(s2 * np.diag(white)))  # a lay may leave a parameter nothing
-    most = _bound(np.diag(R @ mean @ R.T), order, s2, float(r @ r))
+    wider = np.max(u * u / np.diag(mean))  # the tails of the mixture
+    most = _bound(np.diag(R @ mean @ R.T) * wider, order, s2, float(r @ r))
     held = np.minimum(u, np.sqrt(np.square(inverse) @ most))
     scale = size * held / np.sqrt(np.diag(mean))
     return mean * np.outer(scale, scale), n, bool((held < u)[1:].any())
@@ -476,11 +479,8 @@ def _coloured(
     n, p = t.size, inverse.shape[0]
     own, beside = G[:, :p, :p], G[:, p : p + n, p : p + n]
     S = S / (S @ np.trace(beside, axis1=1, axis2=2) / n)[:, None]
-    power, axes = np.linalg.eigh(np.tensordot(S, beside, 1))
-    along = np.square(np.einsum("cij,i->cj", axes, t))
-    variances = np.maximum(power, 0.0)[:, None] + _NOISE[:, None]  # (spectrum, noise, polynomial)
-    left = (along[:, None] / variances).sum(axis=2)
-    logs = -0.5 * np.log(variances).sum(axis=2) - 0.5 * n * np.log(left)
+    volume, left = _over_noise(np.tensordot(S, beside, 1), t)
+    logs = -0.5 * volume - 0.5 * n * np.log(left)
     logs += np.log(odds / _NOISE.size)[:, None]
     white = inverse @ inverse.T
     kept = np.argwhere(logs > logs.max() + np.log(_RARE))
@@ -491,17 +491,47 @@ def _coloured(
     ]
 
 
+def _over_noise(C: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return log det(C + v) and t' (C + v)^-1 t for each matrix of C, (m, n, n), and v of `_NOISE`.
+
+    Householder's reflections turn C, with t as another row before it, into a tridiagonal matrix on the
+    first axis of which t lies: of C + v the corner of the inverse and the determinant are then n steps
+    of a continued fraction. A fifth of the work of all eigenvectors.
+    """
+    from scipy.linalg import lapack
+
+    n = t.size
+    size = float(np.linalg.norm(t))
+    d, square = np.empty((C.shape[0], n)), np.empty((C.shape[0], n))
+    bordered = np.zeros((n + 1, n + 1), order="F")
+    bordered[1:, 0] = t / size
+    for k, matrix in enumerate(C):
+        bordered[1:, 1:] = matrix
+        _, diagonal, beside, _, _ = lapack.dsytrd(bordered, lower=1)
+        d[k], square[k] = diagonal[1:], beside**2
+    step = d[:, -1, None] + _NOISE
+    volume = np.log(step)
+    for i in range(n - 1, 0, -1):
+        step = d[:, i - 1, None] + _NOISE - square[:, i, None] / step
+        volume += np.log(step)
+    return volume, size**2 / step
+
+
 def _bound(law: FloatArray, order: FloatArray, s2: float, left: float) -> FloatArray:
     """Return the most that each column may hold: all that a fit without it would have left.
 
     Of a wave of little more than a period no spectrum is the right one, and a steep one would give a
     tilt of a waviness of 1 um an uncertainty of 40 um. A fit without the columns of an order and of lower
-    ones would have left the sum of squares `left`, and what the columns of higher order took.
+    ones would have left the sum of squares `left`, and what the columns of higher order took. Beyond
+    `_HELD` there is no bound: of deviations that are smooth each order holds many times what all above it
+    do, and so do those that a wave gives to the last orders of a model that nearly follows it.
     """
     most = np.maximum(law, left)  # of a column that is not a polynomial: no bound
     for o in np.unique(order[~np.isnan(order)])[::-1]:
         here = order == o
         most[here] = max(left, s2)
+        if o > _HELD:
+            most[here] = np.maximum(most[here], law[here])
         left += float(np.clip(law[here], s2, most[here]).sum())
     return most
 

@@ -518,8 +518,10 @@ def probability_lines(curve: AbbottCurve) -> ProbabilityLines:
         )
     reach = min(_DEVIATE, float(-ndtri(0.5 / n)))
     s = np.linspace(-reach, reach, _POINTS)
-    middles = (np.arange(n) + 0.5) / n
-    c = np.interp(ndtr(-s), middles, curve.heights)
+    place = np.clip(n * ndtr(-s) - 0.5, 0.0, n - 1.0)  # of the middle of each height's share
+    before = np.minimum(place.astype(np.intp), n - 2)
+    c = curve.heights[before]
+    c = c + (place - before) * (curve.heights[before + 1] - c)
     spread = float(c[-1] - c[0])
     if not spread > 0.0:
         raise DegenerateFitError("all heights are equal: there is no material probability curve")

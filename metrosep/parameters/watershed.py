@@ -280,11 +280,14 @@ def _hills(
 
     eight = np.ones((3, 3), dtype=bool)
     target = _steepest_ascent(filled)
-    summits = (target == np.arange(filled.size).reshape(filled.shape)) & measured
+    ends = target == np.arange(filled.size).reshape(filled.shape)
+    summits = ends & measured
     markers, n = ndimage.label(summits, structure=eight)
-    ways = target.reshape(-1)
-    while not np.array_equal(further := ways[ways], ways):
-        ways = further
+    ways, is_end = target.reshape(-1), ends.reshape(-1)
+    under_way = np.flatnonzero(~is_end[ways])
+    while under_way.size:
+        ways[under_way] = ways[ways[under_way]]
+        under_way = under_way[~is_end[ways[under_way]]]
     labels = markers.reshape(-1)[ways].reshape(filled.shape)
     labels[~measured] = 0
     # Of a flat top: the pixel nearest its middle.
@@ -374,9 +377,9 @@ def _prominences(
         stands[joined] = into
         while not np.array_equal(further := stands[stands], stands):
             stands = further
-        a, b = stands[a], stands[b]
-        left = a != b
-        a, b, saddle, key = a[left], b[left], saddle[left], key[left]
+        a, b = stands.take(a), stands.take(b)
+        left = np.flatnonzero(a != b)
+        a, b, saddle, key = (v.take(left) for v in (a, b, saddle, key))
         still = np.zeros(tops.size, dtype=bool)  # hills are counted anew: few of them are left
         still[a] = still[b] = True
         number = np.cumsum(still) - 1
