@@ -17,7 +17,7 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.separation.positions.pitch import REFERENCE_DIRECTIONS
 from metrosep.separation.runs.base import ErrorEstimate
-from metrosep.separation.runs.design import lines_of_runs, on_common_grid, travel_of
+from metrosep.separation.runs.design import COVERED, lines_of_runs, on_common_grid, travel_of
 
 __all__ = [
     "COVERED",
@@ -35,7 +35,6 @@ __all__ = [
     "made_of",
     "measured_error",
     "own_runs",
-    "paired",
     "used_runs",
 ]
 
@@ -115,7 +114,7 @@ def measured_error(
     )
 
 
-def paired(runs: RunSet) -> tuple[list[tuple[int, ...]], list[int]]:
+def _paired(runs: RunSet) -> tuple[list[tuple[int, ...]], list[int]]:
     """Return which runs make a row each, and those that are left over."""
     if _is_in_parts(runs) and (passes := _passes(runs))[0]:
         return passes
@@ -136,10 +135,6 @@ def paired(runs: RunSet) -> tuple[list[tuple[int, ...]], list[int]]:
         pairs = list(zip(*ways, strict=False))
         left = sorted(set(range(len(runs))) - {i for pair in pairs for i in pair})
     return sorted(pairs), sorted(left)
-
-
-COVERED = 0.95
-"""Share of a travel that is demanded of the readings of a table, and from which one run covers it."""
 
 
 def _is_in_parts(runs: RunSet) -> bool:
@@ -193,7 +188,7 @@ def _joined_parts(runs: RunSet) -> tuple[FloatArray, Curve]:
 
 
 def _of_runs(runs: RunSet, units: AxisUnits) -> Measured:
-    pairs, left = paired(runs)
+    pairs, left = _paired(runs)
     in_parts = _is_in_parts(runs) and max(map(len, pairs)) > len(runs.directions)
     rows = []
     for members in pairs:
@@ -353,7 +348,7 @@ def source_hashes(history: Sequence[Step]) -> tuple[str, ...]:
 
 def _groups(runs: RunSet, most: int | None) -> list[tuple[int, ...]]:
     """Return which runs are left out together: pairs of directions, and round robin above `most`."""
-    rows, left = paired(runs)
+    rows, left = _paired(runs)
     rows = [*rows, *((i,) for i in left)]
     if most is None or len(rows) <= most:
         return rows

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from metrosep.compensation.area_errors import AxisUnits, format_span
 from metrosep.compensation.combine import combine_tables
 from metrosep.compensation.limits import Finding
-from metrosep.compensation.measured import cooled, paired
+from metrosep.compensation.measured import cooled, measured_error
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._grids import carry
 from metrosep.controllers.base import (
@@ -120,17 +120,14 @@ class Active:
         return Finding.warning(text, "", "active")
 
     def _rms(self, runs: RunSet, *, alone: bool) -> float:
-        """Return the RMS of a row, one constant off: (27) where no table acts."""
-        squares = []
-        for members in paired(runs)[0]:
-            parts = []
-            for i in members:
-                run = runs[i]
-                off = self.lookup(run.x, run.direction) if alone else 0.0
-                parts.append((run.z - off)[~np.isnan(run.z)])
-            row = np.concatenate(parts)
-            squares.append(float(((row - row.mean()) ** 2).mean()))
-        return float(np.sqrt(np.mean(squares)))
+        """Return the RMS of a pass, one constant off: (27) where no table acts."""
+        if alone:
+            runs = RunSet([replace(r, z=r.z - self.lookup(r.x, r.direction)) for r in runs])
+        passes = [
+            np.concatenate([row.curves[d](x) for d, x in row.places.items()])
+            for row in measured_error(runs, self.table.span).rows
+        ]
+        return float(np.sqrt(np.mean([np.var(z) for z in passes])))
 
 
 def active_file(

@@ -1,5 +1,7 @@
 """A travel that was measured part by part, from its readings to the written table, by the command line."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -66,3 +68,25 @@ def test_too_few_passes_over_the_parts_are_no_proof(tmp_path, metrosep, repeats)
     assert code != 0
     assert "inconclusive" in told
     assert not (tmp_path / "z.csv").exists()
+
+
+def test_what_an_active_table_did_is_not_the_offsets_of_the_parts(tmp_path, metrosep):
+    """Each part begins at another zero, 400 nm apart: that says nothing of the table that was active."""
+    call = ("--axis", "X", "--compensates", "Z", "--spacing", "1 mm", "--format", "csv")
+    old, out = tmp_path / "old.csv", tmp_path / "o"
+    assert metrosep("separate", parts_file(tmp_path / "p.csv", ENDS), *RANGE, "-o", out)[0] == 0
+    assert metrosep("table", out, *call, "-o", old)[0] == 0
+    left = parts_file(
+        tmp_path / "left.csv", ENDS, sign=0.2
+    )  # measured with it: a fifth is there yet
+    assert metrosep("separate", left, *RANGE, "-o", tmp_path / "l")[0] == 0
+    both = tmp_path / "both.csv"
+    code, _, told = metrosep("table", tmp_path / "l", *call, "--active", old, "-o", both)
+    assert code == 0, told
+    beside = json.loads((tmp_path / "both.csv.json").read_text())["active"]
+    x = np.linspace(0.0, 100.0, 401)
+    rms = float(np.std(error(x)))
+    # the lines of the parts are known to their mean, 2 nm/mm / sqrt(9) at 29 mm of standard deviation
+    assert abs(1e9 * beside["with_it_rms_m"] - 0.2 * rms) < 30.0
+    assert abs(1e9 * beside["without_any_table_rms_m"] - 1.2 * rms) < 30.0
+    assert "made it worse" not in told

@@ -120,6 +120,13 @@ def test_both_equations_agree_to_1e_8_in_dry_air_of_a_metrology_room():
     assert np.abs(difference(t, p, humidity=0.0, co2=400e-6)).max() < 1.0e-8
 
 
+def test_how_much_water_both_equations_bear_to_agree_to_1e_8():
+    """The page states it: at 20 degC and 1000 hPa up to 130 Pa, which is 6 % of humidity."""
+    dry, little, room = (difference(20.0, 1e5, vapour_pressure=e) for e in (0.0, 130.0, 1000.0))
+    assert (round(1e8 * dry, 2), round(1e8 * little, 1), round(1e8 * room, 1)) == (0.95, 1.0, 1.5)
+    assert abs(130.0 / saturation_pressure(293.15) - 0.06) < 0.005
+
+
 def test_both_equations_agree_within_what_they_claim_in_room_air():
     # Boensch and Potulski found water to take 2 % more from n than Birch and Downs, whom Ciddor meets: both
     # together claim sqrt(2^2 + 1^2) 1e-8

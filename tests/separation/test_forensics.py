@@ -261,6 +261,22 @@ def test_readings_in_steps_far_above_the_noise_are_said_and_widen_the_band():
     assert (estimate.sd(x) >= 500.0 * NM / math.sqrt(12.0)).all()
 
 
+def test_steps_as_large_as_the_error_are_no_limit_of_the_sensor():
+    """Two values are left, one of them in nine readings of ten: refused as the sensor's limit before."""
+
+    def in_steps(axis):
+        for run in range(9):
+            axis.change(run, lambda z: 800.0 * np.round((z - np.median(z) + 250.0) / 800.0))
+
+    runs = spoilt(in_steps, waves={13.0: 240.0}, white=4.0, modes=())
+    assert max(np.unique(run.z).size for run in runs) < 4
+    estimate = separate(runs, method="mean")
+
+    assert any("steps of 800 nm" in m for m in estimate.messages)
+    assert not any("limit" in m for m in estimate.messages)
+    assert (estimate.sd([20e-3, 30e-3]) >= 800.0 * NM / math.sqrt(12.0)).all()
+
+
 def test_two_runs_of_opposite_sign_are_refused_since_nothing_says_which_is_right():
     with pytest.raises(InvalidSamplesError, match="opposite sign"):
         separate(spoilt(at(1, lambda z: -z), feeds=(60.0, 95.0), repeats=1))

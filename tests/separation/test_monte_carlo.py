@@ -5,7 +5,8 @@ import pytest
 
 from metrosep.separation import separate
 
-pytestmark = pytest.mark.slow
+# Two hundred sets take minutes, and more on a machine that does other work beside it.
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
 
 SEEDS = range(500, 520)
 

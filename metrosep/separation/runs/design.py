@@ -62,6 +62,9 @@ _PITCHES = 800
 _TRAVEL_RTOL = 0.02
 """Ends of the runs may differ by this share of the travel before the range must be stated."""
 
+COVERED = 0.95
+"""Share of a travel that is demanded of the readings of a table, and from which one run covers it."""
+
 _RANGE_RTOL = 1e-6
 """Rounding by which a stated range may pass the measured travel, relative."""
 
@@ -134,15 +137,14 @@ def evaluation_range(
     """Return start and stop of the evaluation range.
 
     Every run covers it; for the joint method and the mean, where it is stated, some run does at each
-    place. The mean does not even need a part that all of them cover.
+    place, and no part needs to be covered by all of them.
     """
     every = method not in ("joint", "mean") or start is None or length is None
     for name, value in (("start", start), ("length", length)):
         if value is not None and not np.isfinite(value):
             raise InvalidSamplesError(f"{name} must be a finite number in m, got {value}")
     widest_low, widest_high = runs.full_travel
-    whole = method == "mean" and not every
-    low, high = runs.full_travel if whole else runs.common_travel
+    low, high = runs.common_travel if every else runs.full_travel
     travel = high - low
     if length is None and start is None:
         uneven = max(low - widest_low, widest_high - high)
@@ -165,7 +167,7 @@ def evaluation_range(
     margin = _RANGE_RTOL * travel
     what = "by every run: they share"
     if not every:
-        low, high, what = widest_low, widest_high, "by the runs: they reach"
+        what = "by the runs: they reach"
     if first < low - margin or last > high + margin or last <= first:
         raise InvalidSamplesError(
             f"the evaluation range {format_ends(first, last)} is not covered "
@@ -288,16 +290,33 @@ def lines_of_runs(
     if (valid == seen).all():
         alone = np.asarray(np.linalg.lstsq(line[seen], table[:, seen].T, rcond=None)[0].T)
         return alone, None
-    loose = not_tied(valid, line.shape[1])
-    if loose:
-        names = ", ".join(repr(runs[i].run_id) for i in loose[:8])
-        raise DataError(
-            f"run {names} and run {runs[0].run_id!r} were measured in separate parts: no chain of runs "
-            "with positions in common tells their offsets apart; add a run that reaches over both "
-            "parts, or leave one part out"
-        )
+    _require_tied(runs, valid, line.shape[1])
     own = np.where(valid, table, 0.0)
     return joint_coefficients(own, valid, valid.sum(axis=0).astype(np.float64), line)
+
+
+def in_parts(runs: RunSet, first: float, last: float) -> bool:
+    """Return whether a range was measured part by part: no run covers it."""
+    reach = (min(float(r.x.max()), last) - max(float(r.x.min()), first) for r in runs)
+    return max(reach) < COVERED * (last - first)
+
+
+def require_tied(runs: RunSet, first: float, last: float) -> None:
+    """Refuse runs of parts that no chain of runs ties together: nothing tells their offsets apart."""
+    table = on_common_grid(runs, first, last)[1]
+    _require_tied(runs, ~np.isnan(table), 1)
+
+
+def _require_tied(runs: RunSet, valid: NDArray[np.bool_], n_columns: int) -> None:
+    loose = not_tied(valid, n_columns)
+    if not loose:
+        return
+    names = ", ".join(repr(runs[i].run_id) for i in loose[:8])
+    raise DataError(
+        f"run {names} and run {runs[0].run_id!r} were measured in separate parts: no chain of runs "
+        "with positions in common tells their offsets apart; add a run that reaches over both "
+        "parts, or leave one part out"
+    )
 
 
 def thin_parts(runs: RunSet, first: float, last: float) -> list[tuple[float, float, int, int]]:

@@ -367,6 +367,7 @@ def _check_alone(index: int, run: Run, found: Findings) -> float:
         same = z == values[at]
         row = max((int(s) for i, s in streaks if same[i]), default=0)
         often = counts[at] >= max(3, _LIMIT_SHARE * n) and (row >= 3 or counts[at] > 4)
+        often = often and near.size == 3  # fewer values are a coarse step, not a limit
         if often and counts[at] > _LIMIT_PEAK * float(near.mean()):
             limit = limit or (side, float(values[at]), counts[at] / n)
             outside &= ~same

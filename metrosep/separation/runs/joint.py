@@ -53,8 +53,10 @@ from metrosep.separation.runs.base import (
 from metrosep.separation.runs.design import (
     PreparedRun,
     evaluation_range,
+    in_parts,
     prepare_runs,
     probe_names,
+    require_tied,
     thin_parts,
 )
 from metrosep.separation.runs.evidence import (
@@ -86,6 +88,11 @@ _NM = 1e-9
 
 _SEEN = 5.0
 """Standard uncertainties from which the curve is not called nothing, whatever its single waves are."""
+
+_PARTS = (
+    "no run covers the evaluation range: it was measured part by part, so each run has a line of its "
+    "own (drift=1)"
+)
 
 _SLOPE_WITH_DRIFT = (
     "; it holds the drift that is common to all runs, which one feedrate cannot tell from it, so it "
@@ -147,6 +154,11 @@ def separate_joint(
     way = " and ".join("forward" if d > 0 else "reverse" for d in runs.directions)
     options.check_runs(n_feeds, n_probes, fit_lag=lag == "fit", way=way)
     first, last = evaluation_range(runs, start=start, length=length, method="joint")
+    require_tied(runs, first, last)
+    # Parts are set up anew, each with a slope of its own; the geometry would bend at every joint.
+    lines_of_parts = not options.drift and in_parts(runs, first, last)
+    if lines_of_parts:
+        options = replace(options, drift=1)
     prepared = prepare_runs(runs, probes=names)
     if options.position_offsets:
         check_reference([r.run_id for r in prepared], options.position_reference, way)
@@ -199,6 +211,7 @@ def separate_joint(
             delay=n_feeds > 1,
             nothing=n_selected == 0,
         ),
+        *([_PARTS] if lines_of_parts else []),
         *_thin(runs, first, last),
         *_unheld_waves(options.waves, high - low, period / n_harmonics / HELD_SHARE),
         *sentences,
@@ -213,13 +226,8 @@ def separate_joint(
     if options != JointOptions() or n_probes > 1:
         audit["options"] = options.as_dict()
         audit["run_levels_nm"] = ((solution.offsets + level) / _NM).tolist()
-    shared = runs.common_travel
     evidence, audit["evidence"], unsteady = evidence_of(
-        runs,
-        names,
-        start=max(first, shared[0]),
-        stop=min(last, shared[1]),
-        rate=false_discovery_rate,
+        runs, names, over=(first, last), rate=false_discovery_rate
     )
     if solution.slip:  # the model holds it, and its own sentence says so
         unsteady = ()
@@ -479,7 +487,7 @@ def _thin(runs: RunSet, first: float, last: float) -> list[str]:
 
 
 def evidence_of(
-    runs: RunSet, probes: Sequence[str], *, start: float, stop: float, rate: float
+    runs: RunSet, probes: Sequence[str], *, over: tuple[float, float], rate: float
 ) -> tuple[dict[str, list[Any]], Mapping[str, Any], tuple[str, ...]]:
     """Return the columns of the evidence and what was done, or why there are none."""
     used = RunSet([r for r, name in zip(runs, probes, strict=True) if name == probes[0]])
@@ -489,6 +497,8 @@ def evidence_of(
     if min(len(members) for _, members in groups) < _LEAST_RUNS:
         return {}, {"not_taken": f"fewer than {_LEAST_RUNS} runs at a feedrate"}, ()
     try:
+        shared = runs.common_travel
+        start, stop = max(over[0], shared[0]), min(over[1], shared[1])
         table = evidence_table(used, start=start, length=stop - start, false_discovery_rate=rate)
     except (InvalidSamplesError, TooFewSamplesError, NotSeparableError) as exc:
         return {}, {"not_taken": str(exc)}, ()
