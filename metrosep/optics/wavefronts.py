@@ -18,8 +18,8 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.numbers import choice, positive, quantity
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.public import PublicObject, shortened
-from metrosep.core.units import format_length
 from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.forms.zernike import Zernike, ZernikeOrder
 from metrosep.forms.zernike_fit import RIM

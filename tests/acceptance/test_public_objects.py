@@ -173,11 +173,11 @@ SCALED = {
 
 def _scaled(obj):
     """Return whether a picture follows a unit and limits; one that does not must refuse them."""
-    try:
-        axes = obj.plot(unit="pm", vmin="-5 nm", vmax="7 nm")
-    except errors.OptionError as exc:
-        assert "own scale: plot does not take unit, vmin, vmax" in str(exc)
+    if type(obj).__name__ not in SCALED and not isinstance(obj, ms.parameters.ParameterTable):
+        with pytest.raises(errors.OptionError, match="own scale: plot does not take unit, vmin"):
+            obj.plot(unit="pm", vmin="-5 nm", vmax="7 nm")
         return False
+    axes = obj.plot(unit="pm", vmin="-5 nm", vmax="7 nm")
     ends = axes.collections[0].get_clim() if axes.collections and not axes.lines else None
     ends = axes.images[0].get_clim() if axes.images else ends or axes.get_ylim()
     assert ends == pytest.approx((-5000.0, 7000.0), rel=1e-9)  # pm
@@ -246,12 +246,12 @@ def test_it_draws_itself_with_units_on_its_axes(name):
         return
     axes = obj.plot()
     own = mpl.figure.Figure().subplots()
-    try:
+    if name == "Result":  # a figure of several panels: axes are never left empty
+        with pytest.raises(errors.OptionError, match="call plot without ax"):
+            obj.plot(own)
+    else:
         assert obj.plot(own) is own
         assert own.has_data()
-    except errors.OptionError as exc:  # a figure of several panels: axes are never left empty
-        assert not isinstance(axes, Axes)
-        assert "call plot without ax" in str(exc)
     assert dict(mpl.rcParams) == before
     assert _scaled(obj) == (name in SCALED)
     several = [axes] if isinstance(axes, Axes) else axes.axes
@@ -371,9 +371,9 @@ def test_a_product_with_a_quantity_has_another_unit_and_is_refused():
             product()
     assert (surface() * share).z[0, 0] == 2.0 * surface().z[0, 0]
     assert (surface() - q).z[0, 0] == surface().z[0, 0] - 2e-3
-    with pytest.raises(errors.UnitError, match="added must .* got a quantity in rad"):
+    with pytest.raises(errors.UnitError, match=r"added must .* got a quantity in rad"):
         surface() + tilt
-    with pytest.raises(errors.UnitError, match="radius must be .* got a quantity in rad"):
+    with pytest.raises(errors.UnitError, match=r"radius must be .* got a quantity in rad"):
         ms.Surface(np.zeros((9, 9)), 1e-6, 1e-6).circle_section((0.0, 0.0), tilt)
     with pytest.raises(DataError, match="divided by zero"):
         q / 0
