@@ -211,7 +211,11 @@ def optional_read_options(command: F) -> F:
                 "--feed", metavar="COLUMN|VALUE", help='Feedrate: feed_mm_min or "7200 mm/min".'
             ),
             click.option("--run", metavar="COLUMN", help="Column that distinguishes the runs."),
-            click.option("--direction", metavar="COLUMN", help="Column with fwd/rev."),
+            click.option(
+                "--direction",
+                metavar="COLUMN|WORD",
+                help="Column with fwd/rev; of a list in one direction also forward or reverse.",
+            ),
             click.option("--time", metavar="COLUMN", help='Time: t_s or "t:ms".'),
             click.option("--sampling-rate", metavar="RATE", help='Sampling rate, "1 kHz".'),
             click.option(
