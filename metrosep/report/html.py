@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from markupsafe import Markup
 
+from metrosep.core.readable import typeset
 from metrosep.report.certificate import (
     languages_of,
     picture_words,
@@ -23,7 +24,7 @@ from metrosep.report.certificate import (
     texts_of,
 )
 from metrosep.report.text import document_writer, one_line, span
-from metrosep.report.view import typeset, view
+from metrosep.report.view import view
 
 if TYPE_CHECKING:
     from jinja2 import Template

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 from metrosep.compensation.area_errors import AxisUnits, is_rotary, numbers_of
 from metrosep.core import readable
-from metrosep.core.readable import digits_of
+from metrosep.core.readable import digits_of, typeset
 from metrosep.core.units import parse_unit
 from metrosep.plot.left_out import lag_words, run_rows
 from metrosep.recipe.result import clean
@@ -43,7 +42,7 @@ from metrosep.report.text import (
     stamp,
 )
 
-__all__ = ["typeset", "view"]
+__all__ = ["view"]
 
 Document = Mapping[str, Any]
 
@@ -691,16 +690,3 @@ def _scaled(values: Sequence[float], unit: str) -> tuple[list[float], str]:
 
 def _digits(value: float) -> str:
     return digits_of(value).replace("-", "−") if math.isfinite(value) else "–"
-
-
-def typeset(text: str) -> str:
-    """Return a text with a true micro sign in its units.
-
-    Examples
-    --------
-    >>> typeset("1.4 um to 2 um, 5 urad; um"), typeset("um")
-    ('1.4 µm to 2 µm, 5 µrad; um', 'µm')
-    """
-    if text in ("um", "urad", "us"):
-        return f"µ{text[1:]}"
-    return re.sub(r"(?<=\d )u(?=(?:m|rad|s)\b)", "µ", text)

@@ -708,7 +708,7 @@ def test_a_list_of_one_direction_needs_no_column(tmp_path, metrosep, word, way):
     assert code == 2
     assert "a list of one direction: --direction forward, or reverse" in told
     code, _, told = metrosep(*call, "--direction", "sideways")
-    assert code == 2
+    assert code == 4  # what the file does not hold
     assert "has no direction column 'sideways'" in told
     home = ["--reference-direction", word, "--reference", "0 mm"]
     code, _, told = metrosep(*call, "--direction", word, *home)
