@@ -20,6 +20,7 @@ __all__ = [
     "USUAL_SPACING",
     "USUAL_TURN",
     "chain_of",
+    "columns_of",
     "expansion_options",
     "file_options",
     "force_option",
@@ -353,17 +354,22 @@ def require_place(out: str, *, folder: bool) -> None:
         raise WriteError(f"{out}: you may not write in {there}; choose another with -o")
 
 
-def missing_options(missing: Sequence[str], file: str) -> click.UsageError:
-    """Return the error of options that are missing, all at once, with the columns of the file."""
+def columns_of(file: str) -> str:
+    """Return the names of the columns of a table as text; empty where it is none."""
     from metrosep.core.errors import MetrosepError
     from metrosep.io.check import describe
 
-    names = " and ".join(f"'--{name}'" for name in missing)
     try:
         found = describe(file)["metadata"].get("columns") or ()
-        columns = ", ".join(str(c.get("name") if isinstance(c, dict) else c) for c in found)
     except (MetrosepError, OSError):  # the file itself is refused when it is read
-        columns = ""
+        return ""
+    return ", ".join(str(c.get("name") if isinstance(c, dict) else c) for c in found)
+
+
+def missing_options(missing: Sequence[str], file: str) -> click.UsageError:
+    """Return the error of options that are missing, all at once, with the columns of the file."""
+    names = " and ".join(f"'--{name}'" for name in missing)
+    columns = columns_of(file)
     has = f"; {Path(file).name} has {columns}" if columns else ""
     return click.UsageError(f"Missing option{'s' if len(missing) > 1 else ''} {names}{has}.")
 

@@ -716,3 +716,14 @@ def test_a_list_of_one_direction_needs_no_column(tmp_path, metrosep, word, way):
     assert "lost motion is not known" in told
     left = np.array([reached(t, way, trims(comp)) - t for t in TARGETS])
     assert np.ptp(left) < LEFT < np.ptp(at)
+
+
+def test_a_list_without_any_name_is_answered_with_its_columns(tmp_path, metrosep):
+    file = laser_file(tmp_path / "a.csv", trims(None), seed=3)
+    code, _, told = metrosep("table", file, "-o", tmp_path / "x.comp")
+    assert code == 2
+    assert "a.csv has cycle, way, target_mm, deviation_um: name the columns" in told
+    (tmp_path / "no.txt").write_text("no table at all\n")
+    code, _, told = metrosep("table", tmp_path / "no.txt", "-o", tmp_path / "x.comp")
+    assert code == 4
+    assert "JSON" in told
