@@ -20,6 +20,7 @@ __all__ = [
     "USUAL_SPACING",
     "USUAL_TURN",
     "chain_of",
+    "columns_of",
     "expansion_options",
     "file_options",
     "force_option",
@@ -221,7 +222,11 @@ def optional_read_options(command: F) -> F:
                 "--feed", metavar="COLUMN|VALUE", help='Feedrate: feed_mm_min or "7200 mm/min".'
             ),
             click.option("--run", metavar="COLUMN", help="Column that distinguishes the runs."),
-            click.option("--direction", metavar="COLUMN", help="Column with fwd/rev."),
+            click.option(
+                "--direction",
+                metavar="COLUMN|WORD",
+                help="Column with fwd/rev; of a list in one direction also forward or reverse.",
+            ),
             click.option("--time", metavar="COLUMN", help='Time: t_s or "t:ms".'),
             click.option("--sampling-rate", metavar="RATE", help='Sampling rate, "1 kHz".'),
             click.option(
@@ -359,17 +364,22 @@ def require_place(out: str, *, folder: bool) -> None:
         raise WriteError(f"{out}: you may not write in {there}; choose another with -o")
 
 
-def missing_options(missing: Sequence[str], file: str) -> click.UsageError:
-    """Return the error of options that are missing, all at once, with the columns of the file."""
+def columns_of(file: str) -> str:
+    """Return the names of the columns of a table as text; empty where it is none."""
     from metrosep.core.errors import MetrosepError
     from metrosep.io.check import describe
 
-    names = " and ".join(f"'--{name}'" for name in missing)
     try:
         found = describe(file)["metadata"].get("columns") or ()
-        columns = ", ".join(str(c.get("name") if isinstance(c, dict) else c) for c in found)
     except (MetrosepError, OSError):  # the file itself is refused when it is read
-        columns = ""
+        return ""
+    return ", ".join(str(c.get("name") if isinstance(c, dict) else c) for c in found)
+
+
+def missing_options(missing: Sequence[str], file: str) -> click.UsageError:
+    """Return the error of options that are missing, all at once, with the columns of the file."""
+    names = " and ".join(f"'--{name}'" for name in missing)
+    columns = columns_of(file)
     has = f"; {Path(file).name} has {columns}" if columns else ""
     return click.UsageError(f"Missing option{'s' if len(missing) > 1 else ''} {names}{has}.")
 

@@ -14,6 +14,7 @@ import click
 
 from metrosep.cli.options import (
     USUAL_SPACING,
+    columns_of,
     file_options,
     force_option,
     json_option,
@@ -116,6 +117,7 @@ def table(
             document = listed_document(sources[0], options, reading)
         else:
             refuse_columns(options)
+            _refuse_measured(sources[0])
             document = load_document(sources[0])
         made, against, folds = _carried_of(document, info.id, options)
     if options["trial"] is not None:
@@ -141,10 +143,24 @@ def _hold_runs(files: tuple[str, ...], options: dict[str, Any]) -> bool:
 
     if any(Path(f).is_dir() or Path(f).suffix == ".json" or is_list(f, options) for f in files):
         return False
+    if not (options.get("x") or options.get("z")) and any(
+        "target" in columns_of(f).casefold() for f in files
+    ):
+        return False  # of a list, whose rows are cycles and no runs
     try:
         return tells_runs(options, files)
     except (MetrosepError, OSError):  # said where it is read
         return False
+
+
+def _refuse_measured(file: str) -> None:
+    """Refuse a table of numbers whose columns nobody named, where a result is expected."""
+    columns = "" if Path(file).is_dir() or file.lower().endswith(".json") else columns_of(file)
+    if columns:
+        raise click.UsageError(
+            f"{Path(file).name} has {columns}: name the columns of a list of targets with --target, "
+            "--direction and --readings, or of runs with --x, --z and --run"
+        )
 
 
 _LAID_OUT = (

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from metrosep.compensation.area_errors import (
     AxisUnits,
     column,
+    ends_along,
     format_along,
     format_amount,
     format_span,
@@ -556,7 +557,7 @@ class CompensationTable(Corrections, PublicObject):
         ways = "both directions alike" if self.reverse is None else "forward and reverse"
         return shortened(
             f"CompensationTable({self.axis} -> {self.compensates}, {self.positions.size} points, "
-            f"{format_along(self.axis, self.span[0])} ... {format_along(self.axis, self.span[1])}, {ways}, "
+            f"{ends_along(self.axis, *self.span)}, {ways}, "
             f"stroke {format_amount(self.compensates, self.stroke)}, "
             f"zero at {format_along(self.axis, self.reference)})"
         )
@@ -568,7 +569,7 @@ class CompensationTable(Corrections, PublicObject):
             {
                 "axis → corrected axis": f"{self.axis} → {self.compensates}",
                 "points": str(self.positions.size),
-                "span": " … ".join(format_along(self.axis, v) for v in self.span),
+                "span": ends_along(self.axis, *self.span),
                 "entries": "correction c = −e, added to the command",
                 "stroke": format_amount(self.compensates, self.stroke),
                 "zero at": format_along(self.axis, self.reference),

@@ -61,8 +61,8 @@ class HeightArithmetic:
         return self._with_heights(how(*pair), Step(name, {"height_m": height, "turned": turned}))
 
     def _scaled(self, other: Any, name: str, how: Callable[[Any, Any], Any]) -> Any:
-        if not is_real(other):
-            return NotImplemented
+        if not is_real(other) or getattr(other, "unit", "1") != "1":
+            return NotImplemented  # a length times a quantity is not a height
         factor = real(other, "a factor")
         if name == "divide" and factor == 0.0:
             raise DataError("heights cannot be divided by zero")

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import OptionError, OptionRangeError
+from metrosep.core.errors import OptionError, OptionRangeError, UnitError
 from metrosep.core.units import parse_quantity
 
 __all__ = [
@@ -28,6 +28,13 @@ _UNITS = {
     "acceleration": "m/s2", "torque": "N m", "number": "1", "temperature": "K", "temperature difference": "K",
     "pressure": "Pa", "share": "1", "coefficient of expansion": "1/K",
 }  # fmt: skip
+_PINT = {
+    "number": "", "share": "", "acceleration": "m/s**2", "torque": "newton * m",
+    "temperature difference": "delta_degC",
+}  # fmt: skip
+"""SI units as pint writes them, where that is another way."""
+_LONGEST = 80
+"""Characters of a value in a message."""
 
 
 def unit_of(dimension: str | None) -> str:
@@ -61,8 +68,9 @@ def real(
     """Return one real number in SI; NaN and infinities only where `finite` is False."""
     if isinstance(value, str) and dimension is not None:
         return parse_quantity(value, dimension=dimension, name=name)
+    value = _with_unit(value, name, dimension)
     if not is_real(value):
-        raise OptionError(f"{name} must be {what}{_in(dimension)}, got {value!r}")
+        raise OptionError(f"{name} must be {what}{_in(dimension)}, got {_shown(value)}")
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -72,6 +80,27 @@ def real(
         plain = what.replace("a number", "a finite number")
         raise OptionRangeError(f"{name} must be {plain}{unit}, got {number}")
     return number
+
+
+def _with_unit(value: Any, name: str, dimension: str | None) -> Any:
+    """Return what holds a number with its unit (a `Quantity`, or one of pint) as a number in SI."""
+    own = getattr(value, "unit", None)
+    if dimension is not None and isinstance(own, str) and own != _UNITS.get(dimension, own):
+        raise UnitError(
+            f"{name} must be a number{_in(dimension)}, got a quantity in {own}: {value}"
+        )
+    if not hasattr(value, "m_as"):
+        return value
+    try:
+        return value.m_as("" if dimension is None else _PINT.get(dimension, _UNITS[dimension]))
+    except Exception as exc:  # of a package that is not imported here
+        raise UnitError(f"{name} must be a number{_in(dimension)}, got {value} ({exc})") from None
+
+
+def _shown(value: Any) -> str:
+    """Return what was given in one line of a message."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
 
 
 def quantity(value: Any, name: str, dimension: str) -> float:

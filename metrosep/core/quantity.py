@@ -85,8 +85,8 @@ class Quantity(PublicObject):
         return self._sum(other, -1.0, "minus")
 
     def __mul__(self, other: Any) -> Any:
-        """Return the quantity times a number."""
-        if not is_real(other):
+        """Return the quantity times a number; a product of quantities would have another unit."""
+        if not is_real(other) or isinstance(other, Quantity):
             return NotImplemented
         factor = real(other, "a factor")
         u = None if self.u is None else abs(factor) * self.u
@@ -96,7 +96,12 @@ class Quantity(PublicObject):
 
     def __truediv__(self, other: Any) -> Any:
         """Return the quantity over a number."""
-        return self * (1.0 / real(other, "a divisor")) if is_real(other) else NotImplemented
+        if not is_real(other) or isinstance(other, Quantity):
+            return NotImplemented
+        divisor = real(other, "a divisor")
+        if divisor == 0.0:
+            raise DataError(f"{self.definition} cannot be divided by zero")
+        return self * (1.0 / divisor)
 
     def __abs__(self) -> Quantity:
         return replace(self, value=abs(self.value), symbol="")
@@ -138,7 +143,14 @@ class Quantity(PublicObject):
         return shortened(f"Quantity({name}{self}: {self.definition})")
 
     def __format__(self, spec: str) -> str:
-        return str(self)
+        """Return the line, padded as a text; digits are of its float, which is in SI."""
+        try:
+            return format(str(self), spec)
+        except ValueError:
+            raise DataError(
+                f"a quantity is written with its unit and cannot be formatted with {spec!r}; "
+                f"format its value in {self.unit}: float(q)"
+            ) from None
 
     def __str__(self) -> str:
         text = format_engineering(self.value, self.unit)

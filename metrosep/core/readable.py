@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from metrosep.core.units import format_length, parse_unit
 
-__all__ = ["digits_of", "readable_text", "readable_unit", "typed_number", "value_text"]
+__all__ = ["digits_of", "readable_text", "readable_unit", "typed_number", "typeset", "value_text"]
 
 PREFIXED = {"m": "length", "rad": "angle", "s": "time"}
 _SMALL = 0.1
@@ -24,6 +24,19 @@ _ABOUT_SI = re.compile(
     r"[;,] \w+ (?:are|is) in (?:m/s|m|rad)(?: \([^()]*\))?(?=[;,.]|$)"
     r"| \((?:\w+ (?:is|are) (?:in )?(?:m/s|m|rad|s)(?:, )?(?:\w+ (?:m/s|m|rad|s)(?:, )?)*)+(?: here)?\)"
 )
+
+
+def typeset(text: str) -> str:
+    """Return a text for a page or a picture: a true micro sign in its units, which are typed as um.
+
+    Examples
+    --------
+    >>> typeset("1.4 um to 2 um, 5 urad; um"), typeset("um")
+    ('1.4 µm to 2 µm, 5 µrad; um', 'µm')
+    """
+    if text in ("um", "urad", "us"):
+        return f"µ{text[1:]}"
+    return re.sub(r"(?<=\d )u(?=(?:m|rad|s)\b)", "µ", text)
 
 
 def readable_unit(values: Sequence[float | None], unit: str) -> tuple[str, float]:

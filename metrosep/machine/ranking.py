@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, OptionError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.regions import assumed_axis
 from metrosep.core.surface import Surface
@@ -507,6 +507,10 @@ def term_amounts(
 ) -> TermAmounts:
     """Return checked amounts of the terms named in `errors`, in its order."""
     numbers.choice(distribution, "distribution", DISTRIBUTIONS)
+    if not hasattr(chain, "known_terms"):
+        raise OptionError(
+            f"the machine must be a chain, got {chain!r}; make one with metrosep.machine.presets(name)"
+        )
     if not isinstance(errors, Mapping):
         raise DataError(
             "errors maps terms to magnitudes in SI, such as {'EXX': 1e-6, 'B0Z': '0.001 deg'}; got "

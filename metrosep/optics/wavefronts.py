@@ -19,6 +19,7 @@ from metrosep.core.numbers import choice, positive, quantity
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.public import PublicObject, shortened
 from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.forms.zernike import Zernike, ZernikeOrder
 from metrosep.forms.zernike_fit import RIM
@@ -367,8 +368,8 @@ class Wavefront(PublicObject):
         without = f", {', '.join(self.removed)} removed" if self.removed else ""
         glass = "" if self.n is None else f", n = {self.n}"
         return shortened(
-            f"Wavefront({self.mode}{glass}, radius {1e3 * self.radius:.6g} mm, rms "
-            f"{1e9 * self.rms:.6g} nm, P-V {1e9 * self.peak_to_valley:.6g} nm{without})"
+            f"Wavefront({self.mode}{glass}, radius {format_length(self.radius)}, rms "
+            f"{format_length(self.rms)}, P-V {format_length(self.peak_to_valley)}{without})"
         )
 
 

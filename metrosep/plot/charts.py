@@ -15,6 +15,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.readable import typeset
 from metrosep.plot.maps import separation_maps
 from metrosep.plot.placing import place_stack
 from metrosep.plot.polar import harmonic_bars, polar_plot
@@ -229,9 +230,9 @@ def _panel(
         if item.get("classes"):  # of a histogram: x is the middle of each
             axes.fill_between(x, y * scale, step="mid", color=colour, alpha=0.25, linewidth=0.0)
             style |= {"drawstyle": "steps-mid"}
-        axes.plot(x, y * scale, color=colour, label=item["label"] or None, **style)
+        axes.plot(x, y * scale, color=colour, label=typeset(item["label"]) or None, **style)
     axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7, linestyle=DASHED, zorder=1.5)
-    axes.set_title(each["title"], loc="left", fontsize=9.5)
+    axes.set_title(typeset(each["title"]), loc="left", fontsize=9.5)
     axes.set_ylabel(" / ".join(filter(None, (each.get("quantity"), unit))))
     labels = axes.get_legend_handles_labels()[1]
     if labels and len(curves) <= _MOST_LEGEND:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import positive
-from metrosep.core.readable import digits_of, readable_unit
+from metrosep.core.readable import digits_of, readable_unit, typeset
 from metrosep.plot.accepted import takes_separations
 from metrosep.plot.placing import place_grid
 from metrosep.plot.style import (
@@ -127,7 +127,7 @@ def separation_maps(
                 axes, values / factor, dx, dy, origin, (low / factor, high / factor), signed=signed
             )
             words = _height(values, (pv or {}).get(title), unit)
-            axes.set_title("\n".join(filter(None, (title, words))), fontsize=9.0)
+            axes.set_title(typeset("\n".join(filter(None, (title, words)))), fontsize=9.0)
         for axes in list(grid.flat)[len(maps) :]:
             axes.set_axis_off()
         where: dict[str, Any] = {"ax": grid, "shrink": 0.85, "aspect": 25}

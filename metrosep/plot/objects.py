@@ -251,6 +251,7 @@ def _parts(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
 
     maps = {k: v for k, v in obj.parts.items() if v.ndim >= 2}
     if maps:
+        _refuse_axes(ax, "maps of a separation")
         dx, dy = (obj.audit.get(k) for k in ("dx_m", "dy_m"))
         unit = obj.units[next(iter(maps))]
         return separation_maps(maps, dx=dx, dy=dy, unit=unit)
@@ -377,7 +378,16 @@ def _result(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
     name = next((n for n in ("before_after", *maps[-1:], *found) if n in found), None)
     if name is None:
         raise DataError("this result holds nothing to draw")
+    if "ax" in signature(found[name]).parameters:
+        return found[name](document, ax)
+    _refuse_axes(ax, "the picture of this result")
     return found[name](document)
+
+
+def _refuse_axes(ax: Axes | None, what: str) -> None:
+    """Refuse axes for a picture that is a figure of its own."""
+    if ax is not None:
+        raise OptionError(f"{what} has panels of its own; call plot without ax")
 
 
 _PICTURES: Mapping[str, Callable[..., Any]] = {

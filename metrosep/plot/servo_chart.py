@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.numbers import positive, quantity
+from metrosep.core.readable import typeset
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.plot.style import (
@@ -414,7 +415,7 @@ def setting_map(error: SettingError, *, ax: Axes | None = None, title: str = "")
             xlabel=f"x / {name}",
             ylabel=f"y / {name}",
         )
-        pv = f"P-V {format_length(error.peak_to_valley(), digits=3)}, nothing removed"
+        pv = typeset(f"P-V {format_length(error.peak_to_valley(), digits=3)}, nothing removed")
         axes.set_title(f"{title}\n{pv}" if title else pv, fontsize=9.5)
         figure = axes.get_figure()
         if figure is not None:
@@ -432,7 +433,7 @@ def _panel(
     styles = [("before", "-"), ("after", "-")] if len(lines) > 1 else [("estimate", "-")]
     for (name, tool, e), (colour, style) in zip(lines, styles, strict=True):
         value = "" if factor is None else f"{factor} = {format_length(getattr(tool, factor))}, "
-        label = (
+        label = typeset(
             f"{name + ': ' if name else ''}{value}P-V {format_length(float(np.ptp(e)), digits=3)}"
         )
         axes.plot(rho * 1e6, e * 1e9, color=COLOURS[colour], linestyle=style, lw=1.3, label=label)
@@ -620,7 +621,7 @@ def knots_plot(x: ArrayLike, c: ArrayLike, knots: Knots, ax: Axes | None = None)
     rest = knots.residual * 1e9 * scale
     with house_style():
         axes = axes_or_new(ax)
-        label = f"± {format_length(knots.residual, digits=3).replace('um', 'µm')}"
+        label = typeset(f"± {format_length(knots.residual, digits=3)}")
         draw_band(axes, places, curve * scale, rest, COLOURS["zone"], alpha=None, label=label)
         axes.plot(places, curve * scale, color=COLOURS["before"], lw=1.2, label="curve")
         axes.plot(
@@ -665,7 +666,7 @@ def _mesh(places: FloatArray) -> Triangulation:
 
 def _label(name: str, cut: LoopCut) -> str:
     text = f"{_NAMES[name]}: P-V {format_length(cut.pv.value, digits=3)}"
-    return text.replace("um", "µm")
+    return typeset(text)
 
 
 def _legend_below(axes: Axes, columns: int) -> None:

@@ -327,8 +327,43 @@ def figure_svg(
     return stream.getvalue()
 
 
-def localise(figure: Figure, *, words: Mapping[str, str], decimal: str) -> None:
-    """Put the words of a figure into another language, the longest phrase first, and its decimal sign."""
+_FONTS = (
+    "DejaVu Sans", "Noto Sans CJK", "Noto Sans SC", "Noto Sans JP", "Source Han Sans", "Microsoft YaHei",
+    "SimHei", "Yu Gothic", "Meiryo", "MS Gothic", "PingFang", "Hiragino Sans", "WenQuanYi", "IPAexGothic",
+    "Droid Sans Fallback",
+)  # fmt: skip
+"""Beginnings of the names of fonts, the most wanted first; those after the first have Chinese and Japanese letters."""
+
+
+@cache
+def font_with(letters: str) -> str | None:
+    """Return the name of an installed font that has all letters; None if there is none."""
+    from matplotlib import font_manager
+    from matplotlib.ft2font import FT2Font
+
+    known = font_manager.fontManager
+    if not any(
+        f.name.startswith(_FONTS[1:]) for f in known.ttflist
+    ):  # installed after the list was made
+        held = {f.fname for f in known.ttflist}
+        for path in sorted({*font_manager.findSystemFonts()} - held):
+            with contextlib.suppress(Exception):  # a font that cannot be read is none to draw with
+                known.addfont(path)
+    wanted = {ord(c) for c in letters if not c.isspace()}
+    plain = [
+        f for f in known.ttflist if f.style == "normal" and str(f.weight) in ("400", "normal")
+    ]
+    for start in _FONTS:
+        for font in sorted((f for f in plain if f.name.startswith(start)), key=lambda f: f.fname):
+            if wanted <= FT2Font(font.fname).get_charmap().keys():
+                return str(font.name)
+    return None
+
+
+def localise(
+    figure: Figure, *, words: Mapping[str, str], decimal: str, font: str | None = None
+) -> None:
+    """Put the words of a figure into another language, the longest phrase first, its decimal sign and font."""
     from matplotlib.text import Text
 
     longest_first = sorted(words, key=lambda phrase: -len(phrase))
@@ -344,6 +379,8 @@ def localise(figure: Figure, *, words: Mapping[str, str], decimal: str) -> None:
                 formatter.format_ticks = _then(said, formatter.format_ticks)  # type: ignore[assignment, method-assign]
     for item in figure.findobj(Text):
         item.set_text(said(item.get_text()))
+        if font is not None:
+            item.set_fontfamily(["DejaVu Sans", font])
 
 
 def _then(

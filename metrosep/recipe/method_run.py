@@ -7,14 +7,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from metrosep._version import __version__
-from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
+from metrosep.core.errors import (
+    DataError,
+    FormatMismatchError,
+    InvalidSamplesError,
+    ReadNameError,
+)
 from metrosep.core.inputs import NamedFiles, Readings, Results, RoleColumns
 from metrosep.core.limits import limit_problem
 from metrosep.core.methods import Method
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
-from metrosep.core.runset import RunSet
+from metrosep.core.runset import FORWARD, REVERSE, RunSet
 from metrosep.core.surface import Surface
 from metrosep.io.readings import read_readings
 from metrosep.io.role_columns import Role, read_roles
@@ -259,8 +266,24 @@ def load_inputs(method: type[Method], files: Sequence[Path], options: Mapping[st
         )
     _require_all(method, roles)
     if method.reads == "tables":
-        return tuple(read_roles(file, roles, **rest) for file in files)
-    return read_roles(files, roles, **rest)
+        return tuple(_columns([file], roles, rest) for file in files)
+    return _columns(files, roles, rest)
+
+
+def _columns(
+    files: Sequence[Path], roles: Mapping[str, Role], rest: Mapping[str, Any]
+) -> RoleColumns:
+    """Return the columns of a table; a list without a column of the direction may say it for all rows."""
+    way = roles.get("direction")
+    try:
+        return read_roles(files, roles, **rest)
+    except ReadNameError:
+        word = "" if way is None else str(way.column).strip().casefold()
+        if word not in FORWARD | REVERSE:
+            raise
+    data = read_roles(files, {k: v for k, v in roles.items() if k != "direction"}, **rest)
+    rows = np.asarray(data.values["target"]).size
+    return replace(data, values={**data.values, "direction": [word] * rows})
 
 
 def _results(method: type[Method], files: Sequence[Path]) -> Results:

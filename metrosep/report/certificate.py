@@ -13,6 +13,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from decimal import ROUND_HALF_EVEN, ROUND_HALF_UP, Decimal
 from functools import cache, partial
+from itertools import zip_longest
 from typing import Any
 
 from metrosep.core.limits import COVERAGE
@@ -41,10 +42,14 @@ from metrosep.report.text import (
 
 __all__ = [
     "bar_of",
+    "catalogue",
     "certificate",
     "fields_of",
     "origins_of",
+    "picture_words",
+    "quoted",
     "rounded_pair",
+    "said",
     "texts_of",
     "traces",
 ]
@@ -61,11 +66,82 @@ _NBSP = "\u00a0"
 
 
 @cache
-def _catalogue(language: str) -> Mapping[str, str]:
+def catalogue(name: str) -> Mapping[str, Any]:
+    """Return the fixed texts of a language, the words in pictures or the sentences of the program."""
     from importlib.resources import files
 
-    place = files("metrosep.report").joinpath(f"languages/{language}.toml")
+    place = files("metrosep.report").joinpath(f"languages/{name}.toml")
     return tomllib.loads(place.read_text("utf-8"))
+
+
+@cache
+def _sentences(language: str) -> list[tuple[re.Pattern[str], str]]:
+    """Return the sentences of the program with what they are in a language; the one that says most comes first."""
+    made = []
+    for each in catalogue("sentences")["say"]:
+        parts = re.split(r"\{(\w+)\}", each["en"])
+        first = f"(?i:{parts[0][0]})" if parts[0][:1].isalpha() else ""
+        words = [re.escape(p) for p in parts[::2]]
+        words[0] = first + re.escape(parts[0][len(first[:1]) :])
+        names = [rf"(?P<{n}>(?:(?!\. ).)+?)" for n in parts[1::2]]  # of one sentence
+        said_so = "".join(a + b for a, b in zip_longest(words, names, fillvalue=""))
+        made.append((sum(map(len, parts[::2])), re.compile(said_so), each[language]))
+    return [(pattern, to) for _, pattern, to in sorted(made, key=lambda m: -m[0])]
+
+
+def _one_said(text: str, language: str) -> str:
+    """Return a sentence in a language; the text itself where none is known."""
+    bare = text.removesuffix(".")
+    for pattern, to in _sentences(language):
+        found = pattern.fullmatch(bare)
+        if found is None:
+            continue
+        held = {k: _phrase(v, language) for k, v in found.groupdict().items()}
+        made = printed(to.format(**held), language)
+        stop = "." if language == "de" else "。"
+        return (capital(made) if text[:1].isupper() else made) + stop * (bare != text)
+    return text
+
+
+def _phrase(text: str, language: str) -> str:
+    """Return what stands within a sentence: a known phrase, or a list of them."""
+    whole = _one_said(text, language)
+    if whole != text:
+        return whole
+    comma = ", " if language == "de" else "、"
+    return comma.join(_one_said(p, language) for p in text.split(", "))
+
+
+def said(text: str, language: str) -> str:
+    """Return a text of the program in a language, sentence by sentence; what is not known stays English.
+
+    Examples
+    --------
+    >>> said("Gaps were not measured. 5 of 9 pixels not measured or removed: grey.", "de")
+    'Lücken wurden nicht gemessen. 5 von 9 Bildpunkten nicht gemessen oder entfernt: grau.'
+    """
+    if language == "en" or not text:
+        return text
+    whole = _one_said(text, language)
+    if whole != text:
+        return whole
+    parts = [_one_said(p, language) for p in re.split(r"(?<=\.) (?=[A-Z0-9−])", text)]
+    return re.sub("。 ", "。", " ".join(parts))
+
+
+def picture_words(language: str) -> tuple[Mapping[str, str], str | None]:
+    """Return the words of pictures in a language and the font that has its letters; none where no font has them."""
+    from metrosep.plot.style import font_with
+
+    words = catalogue("pictures").get(language, {})
+    font = font_with("".join(words.values())) if words else None
+    return (words if font else {}), font
+
+
+def quoted(text: str, language: str) -> str:
+    """Return a message in a language, or as a quotation in English where it is not known."""
+    made = said(text, language)
+    return str(catalogue(language)["quoted"]).format(text=text) if made == text else made
 
 
 def texts_of(languages: Sequence[str]) -> dict[str, str]:
@@ -77,7 +153,7 @@ def texts_of(languages: Sequence[str]) -> dict[str, str]:
     ('Messwert', 'verdict / 判定')
     """
     chosen = [n for n in languages if n in LANGUAGES] or ["en"]
-    catalogues = [_catalogue(n) for n in chosen]
+    catalogues = [catalogue(n) for n in chosen]
     return {k: " / ".join(dict.fromkeys(c[k] for c in catalogues if c[k])) for k in catalogues[0]}
 
 
@@ -167,6 +243,8 @@ def certificate(document: Document, messages: Sequence[str] = ()) -> dict[str, A
     """Return what the first page shows, as texts; of the messages the three that matter most."""
     fields, languages = fields_of(document), languages_of(document)
     t = texts_of(languages)
+    if languages[0] != "en" and not picture_words(languages[0])[0]:
+        t["program_texts"] += f" {t['no_font']}"
     look = {name: declared.default for name, declared in options_of(Look).items()}
     look |= fields.get("look") or {}
     kind = str(fields.get("kind") or "test report").replace(" ", "_")
@@ -179,7 +257,7 @@ def certificate(document: Document, messages: Sequence[str] = ()) -> dict[str, A
     agree = problems_of(fields, measured_at(document))
     # fields may have been typed after the run, which then knew nothing of what disagrees
     held = [m for m in messages if not any(p.lower() in m.lower() for p in agree)]
-    warnings = [*(capital(p) for p in agree), *held]
+    warnings = [quoted(w, languages[0]) for w in (*(f"{capital(p)}." for p in agree), *held)]
     mark = stamp(document.get("verdict"))
     return {
         "t": t,
@@ -278,7 +356,7 @@ def _blocks(
         rows.append((t["humidity"], comma(f"{100.0 * fields['humidity']:.3g} %")))
     if fields.get("pressure") is not None:
         rows.append((t["pressure"], comma(f"{fields['pressure'] / 100.0:.5g} hPa")))
-    rows.append((t["method"], method_of(document)))
+    rows.append((t["method"], said(method_of(document), languages_of(document)[0])))
     rows += [(t["procedure"], str(fields["procedure"]))] if fields.get("procedure") else []
     names = [one_line(i.get("name") or "") for i in document.get("inputs") or []]
     if names:
@@ -402,7 +480,7 @@ def _row(
     name = row.name if row.verdict is not None else (entry.get("symbol") or row.name)
     name = name.replace("_", " ") if name == row.metric else name
     return {
-        "name": str(name),
+        "name": said(str(name), language),
         "unit": unit,
         **texts,
         "bar": bar,
@@ -478,7 +556,7 @@ def origins_of(document: Document, t: Mapping[str, str]) -> list[str]:
             words += f", k = {comma(f'{k:.2f}')}"
             if word in ("u_fit", "u_method"):
                 words += f", {t['coverage'].format(p=comma(f'{100 * COVERAGE:.2f} %'))}"
-        found.setdefault(words, []).append(row.name)
+        found.setdefault(words, []).append(said(row.name, languages_of(document)[0]))
     return [f"{', '.join(dict.fromkeys(names))}: {words}" for words, names in found.items()]
 
 

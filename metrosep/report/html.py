@@ -9,16 +9,22 @@ from __future__ import annotations
 import base64
 import math
 import re
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from markupsafe import Markup
 
-from metrosep.report.certificate import languages_of, printed, texts_of
+from metrosep.core.readable import typeset
+from metrosep.report.certificate import (
+    languages_of,
+    picture_words,
+    printed,
+    said,
+    texts_of,
+)
 from metrosep.report.text import document_writer, one_line, span
-from metrosep.report.view import typeset, view
+from metrosep.report.view import view
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -155,9 +161,8 @@ def figures_of(document: Mapping[str, Any]) -> list[Drawing]:
 
     words = captions_of(document)
     language = languages_of(document)[0]
-    finish = partial(
-        localise, words=_picture_words().get(language, {}), decimal=printed(".", language)
-    )
+    words_of, font = picture_words(language)
+    finish = partial(localise, words=words_of, decimal=printed(".", language), font=font)
     return [
         Drawing(
             name,
@@ -166,15 +171,6 @@ def figures_of(document: Mapping[str, Any]) -> list[Drawing]:
         )
         for name, draw in drawable(document).items()
     ]
-
-
-@cache
-def _picture_words() -> Mapping[str, Mapping[str, str]]:
-    from importlib.resources import files
-
-    return tomllib.loads(
-        files("metrosep.report").joinpath("languages/pictures.toml").read_text("utf-8")
-    )
 
 
 def width_of(svg: str) -> float:
@@ -196,11 +192,12 @@ def captions_of(document: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
     """Return titles and captions of the figures that a result may have."""
     from metrosep.plot.summary import charts_of
 
-    t = texts_of(languages_of(document))
-    found = {name: (t[f"fig_{name}"], text) for name, text in _captions(document).items()}
+    t, spoken = texts_of(languages_of(document)), partial(said, language=languages_of(document)[0])
+    found = {name: (t[f"fig_{name}"], spoken(text)) for name, text in _captions(document).items()}
     for i, chart in enumerate(charts_of(document), start=1):
         title = str(chart.get("title") or "Chart")
-        found[f"chart_{i}"] = (title, typeset(str(chart.get("caption") or "")))
+        caption = spoken(typeset(str(chart.get("caption") or "")))
+        found[f"chart_{i}"] = (spoken(title), caption)
     return found
 
 

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 from metrosep.compensation.area_errors import AxisUnits, is_rotary, numbers_of
 from metrosep.core import readable
-from metrosep.core.readable import digits_of
+from metrosep.core.readable import digits_of, typeset
 from metrosep.core.units import parse_unit
 from metrosep.plot.left_out import lag_words, run_rows
 from metrosep.recipe.result import clean
 from metrosep.recipe.schema import Field, shown
 from metrosep.recipe.step_help import keys_of_step, step_words
-from metrosep.report.certificate import bar_of, certificate, printed, texts_of
+from metrosep.report.certificate import (
+    bar_of,
+    certificate,
+    printed,
+    quoted,
+    said,
+    texts_of,
+)
 from metrosep.report.text import (
     SEPARATED_NOTE,
     CharacteristicRow,
@@ -36,7 +42,7 @@ from metrosep.report.text import (
     stamp,
 )
 
-__all__ = ["typeset", "view"]
+__all__ = ["view"]
 
 Document = Mapping[str, Any]
 
@@ -61,6 +67,8 @@ def view(document: Document) -> dict[str, Any]:
     rule = _sentence(document.get("decision_rule"))
     own = texts_of([first["language"]])  # of cells: two languages are for what stands beside them
     t, number_of = first["t"], partial(printed, language=first["language"])
+    spoken = partial(said, language=first["language"])
+    quotes = [quoted(m, first["language"]) for m in messages]
     return {
         "c": first,
         "title": document.get("title") or "Separation of repeated runs",
@@ -69,17 +77,19 @@ def view(document: Document) -> dict[str, Any]:
             meaning=t[f"means_{document.get('verdict') or 'none'}"]
         ),
         "decision_rule": rule if first["language"] == "en" or not rule else t["rule"],
-        "summary": _summary(document, estimate, t, own, number_of)
-        + [
-            (capital(t["method"]) if k == "Method" else k, v)
-            for k, v in separation_rows(separation)
-        ]
-        + plan_rows(document.get("plan") or {}),
+        "summary": [
+            (capital(t["method"]) if k == "Method" else spoken(k), spoken(v))
+            for k, v in (
+                *_summary(document, estimate, t, own, number_of),
+                *separation_rows(separation),
+                *plan_rows(document.get("plan") or {}),
+            )
+        ],
         "characteristics": _characteristics(document, first),
         "header": header_rows(document),
         "hashes": short_hashes(document),
-        "uncertainty_note": SEPARATED_NOTE if separation else _NOT_IN_BAND,
-        "messages": [m for m in messages if m not in first["warnings"]],
+        "uncertainty_note": spoken(SEPARATED_NOTE if separation else _NOT_IN_BAND),
+        "messages": [m for m in quotes if m not in first["warnings"]],
         "runs": [
             {k: v if k in _AS_TYPED else number_of(v) for k, v in row.items()}
             for row in _run_rows(document, own)
@@ -165,6 +175,8 @@ def _characteristics(document: Document, first: Mapping[str, Any]) -> list[dict[
         texts = {**_characteristic(entry), "guard": _guard(row)}
         for key in ("value", "u", "U", "limits", "guard"):
             texts[key] = printed(texts[key], first["language"])
+        for key in ("name", "definition"):
+            texts[key] = said(texts[key], first["language"])
         if texts["stamp"] is not None:
             texts["stamp"] = texts["stamp"]._replace(word=first["t"][entry["verdict"]].upper())
         made.append({**texts, "bar": bar_of(row)})
@@ -678,16 +690,3 @@ def _scaled(values: Sequence[float], unit: str) -> tuple[list[float], str]:
 
 def _digits(value: float) -> str:
     return digits_of(value).replace("-", "−") if math.isfinite(value) else "–"
-
-
-def typeset(text: str) -> str:
-    """Return a text with a true micro sign in its units.
-
-    Examples
-    --------
-    >>> typeset("1.4 um to 2 um, 5 urad; um"), typeset("um")
-    ('1.4 µm to 2 µm, 5 µrad; um', 'µm')
-    """
-    if text in ("um", "urad", "us"):
-        return f"µ{text[1:]}"
-    return re.sub(r"(?<=\d )u(?=(?:m|rad|s)\b)", "µ", text)

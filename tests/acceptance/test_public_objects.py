@@ -15,7 +15,7 @@ import pytest
 import metrosep as ms
 from metrosep.batch import run_batch
 from metrosep.compensation import CompensationMap, CompensationTable
-from metrosep.core import errors
+from metrosep.core import errors, numbers
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
@@ -164,6 +164,24 @@ TABLE = {
     "BatchReport": (("unit", "status"), True, False, False),
 }  # fmt: skip
 WALK = pytest.mark.parametrize("name", TABLE)
+# whose picture takes a unit and ends of the scale; the others have a scale of their own
+SCALED = {
+    "Surface", "Profile", "Run", "RunSet", "ParameterTable", "FitResult", "ErrorEstimate",
+    "CompensationMap", "ToolSetting",
+}  # fmt: skip
+
+
+def _scaled(obj):
+    """Return whether a picture follows a unit and limits; one that does not must refuse them."""
+    if type(obj).__name__ not in SCALED and not isinstance(obj, ms.parameters.ParameterTable):
+        with pytest.raises(errors.OptionError, match="own scale: plot does not take unit, vmin"):
+            obj.plot(unit="pm", vmin="-5 nm", vmax="7 nm")
+        return False
+    axes = obj.plot(unit="pm", vmin="-5 nm", vmax="7 nm")
+    ends = axes.collections[0].get_clim() if axes.collections and not axes.lines else None
+    ends = axes.images[0].get_clim() if axes.images else ends or axes.get_ylim()
+    assert ends == pytest.approx((-5000.0, 7000.0), rel=1e-9)  # pm
+    return True
 
 
 def test_the_table_of_the_contract_is_walked_whole():
@@ -182,6 +200,8 @@ def test_an_object_comes_back_bit_for_bit(name, tmp_path):
     assert hash(back) == hash(obj)
     assert repr(back) == repr(obj)
     assert path.read_bytes() == obj.save(tmp_path / "again.h5").read_bytes()
+    for again in (pickle.loads(pickle.dumps(obj)), copy.deepcopy(obj)):  # noqa: S301
+        assert again.identical(obj)
 
 
 @WALK
@@ -225,7 +245,15 @@ def test_it_draws_itself_with_units_on_its_axes(name):
             obj.plot()
         return
     axes = obj.plot()
+    own = mpl.figure.Figure().subplots()
+    if name == "Result":  # a figure of several panels: axes are never left empty
+        with pytest.raises(errors.OptionError, match="call plot without ax"):
+            obj.plot(own)
+    else:
+        assert obj.plot(own) is own
+        assert own.has_data()
     assert dict(mpl.rcParams) == before
+    assert _scaled(obj) == (name in SCALED)
     several = [axes] if isinstance(axes, Axes) else axes.axes
     # bars that lie have their unit on the abscissa
     assert any(
@@ -330,6 +358,53 @@ def test_quantities_add_their_uncertainties_in_squares():
     assert (-2 * a).u == pytest.approx(6e-9, abs=1e-20)
     with pytest.raises(DataError, match="like quantities"):
         a + ms.Quantity(1.0, "rad", "c")
+
+
+def test_a_product_with_a_quantity_has_another_unit_and_is_refused():
+    q, share = ms.Quantity(2e-3, "m", "a length", 1e-4), ms.Quantity(2.0, "1", "a share")
+    tilt = ms.Quantity(1e-3, "rad", "a tilt")
+    for product in (
+        lambda: q * q, lambda: q / q, lambda: q * share, lambda: surface() * q, lambda: q * surface(),
+        lambda: surface() / tilt,
+    ):  # fmt: skip
+        with pytest.raises(TypeError):
+            product()
+    assert (surface() * share).z[0, 0] == 2.0 * surface().z[0, 0]
+    assert (surface() - q).z[0, 0] == surface().z[0, 0] - 2e-3
+    with pytest.raises(errors.UnitError, match=r"added must .* got a quantity in rad"):
+        surface() + tilt
+    with pytest.raises(errors.UnitError, match=r"radius must be .* got a quantity in rad"):
+        ms.Surface(np.zeros((9, 9)), 1e-6, 1e-6).circle_section((0.0, 0.0), tilt)
+    with pytest.raises(DataError, match="divided by zero"):
+        q / 0
+    with pytest.raises(DataError, match=r"float\(q\)"):
+        f"{q:.3f}"
+    assert f"{q:>30}" == str(q).rjust(30)
+
+
+class OfPint:
+    """Speaks as a quantity of pint does: 350 micrometres."""
+
+    units = "micrometer"
+
+    def __float__(self):
+        raise TypeError("has a unit")
+
+    def m_as(self, unit):
+        if unit != "m":
+            raise ValueError(f"cannot convert from 'micrometer' to '{unit}'")
+        return 350.0 / 1e6
+
+    def __str__(self):
+        return "350 micrometer"
+
+
+def test_a_quantity_of_pint_is_taken_by_its_unit():
+    assert ms.Surface(np.zeros((2, 2)), OfPint(), "0.35 mm").dx == 0.35e-3
+    with pytest.raises(errors.UnitError, match="350 micrometer"):
+        numbers.quantity(OfPint(), "tilt", "angle")
+    with pytest.raises(errors.UnitError, match="a factor must be a number"):
+        surface() * OfPint()
 
 
 def test_equality_is_of_values_and_sees_one_bit():

@@ -686,3 +686,44 @@ def test_columns_of_a_list_that_are_missing_are_named_as_options_beside_those_of
     assert code == 2
     assert "'--direction' and '--readings'" in err
     assert "shop.csv has Soll [mm], Richtung, Lauf, Abweichung [um]" in err
+
+
+@pytest.mark.parametrize(("word", "way"), [("forward", 1), ("reverse", -1)])
+def test_a_list_of_one_direction_needs_no_column(tmp_path, metrosep, word, way):
+    rng = np.random.default_rng(7)
+    at = np.array([reached(t, way, trims(None)) - t for t in TARGETS])
+    rows = at[:, None] + rng.normal(0.0, 0.005 * UM, (TARGETS.size, 4))
+    lines = ["target_mm;a_um;b_um;c_um;d_um"]
+    lines += [
+        ";".join(f"{v:.5f}" for v in (t, *(r / UM))) for t, r in zip(TARGETS, rows, strict=True)
+    ]
+    listed, comp = tmp_path / "one.csv", tmp_path / "x.comp"
+    listed.write_text("\n".join(lines) + "\n")
+    call = [
+        "table", str(listed), "--target", "target_mm", "--readings", "a_um,b_um,c_um,d_um",
+        "--axis", "X", "--compensates", "X", *SENSE, "-o", str(comp),
+    ]  # fmt: skip
+
+    code, _, told = metrosep(*call)
+    assert code == 2
+    assert "a list of one direction: --direction forward, or reverse" in told
+    code, _, told = metrosep(*call, "--direction", "sideways")
+    assert code == 4  # what the file does not hold
+    assert "has no direction column 'sideways'" in told
+    home = ["--reference-direction", word, "--reference", "0 mm"]
+    code, _, told = metrosep(*call, "--direction", word, *home)
+    assert code == 0, told
+    assert "lost motion is not known" in told
+    left = np.array([reached(t, way, trims(comp)) - t for t in TARGETS])
+    assert np.ptp(left) < LEFT < np.ptp(at)
+
+
+def test_a_list_without_any_name_is_answered_with_its_columns(tmp_path, metrosep):
+    file = laser_file(tmp_path / "a.csv", trims(None), seed=3)
+    code, _, told = metrosep("table", file, "-o", tmp_path / "x.comp")
+    assert code == 2
+    assert "a.csv has cycle, way, target_mm, deviation_um: name the columns" in told
+    (tmp_path / "no.txt").write_text("no table at all\n")
+    code, _, told = metrosep("table", tmp_path / "no.txt", "-o", tmp_path / "x.comp")
+    assert code == 4
+    assert "JSON" in told

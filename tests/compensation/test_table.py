@@ -246,7 +246,7 @@ def test_repr_says_axes_span_and_stroke():
     table = CompensationTable([0.0, 1e-3], [0.0, 4e-9], None, "X", "Z", 0.0)
 
     assert repr(table) == (
-        "CompensationTable(X -> Z, 2 points, 0 m ... 1 mm, both directions alike, stroke 4 nm, "
+        "CompensationTable(X -> Z, 2 points, 0 ... 1 mm, both directions alike, stroke 4 nm, "
         "zero at 0 m)"
     )
     assert "c = −e" in table._repr_html_()

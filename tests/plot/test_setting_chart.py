@@ -35,8 +35,8 @@ def test_profiles_are_the_errors_in_nanometres():
 def test_legends_carry_value_and_peak_to_valley():
     figure = setting_profiles(BEFORE, GRID, exact=False, inner=5e-6)
     texts = [a.get_legend().get_texts()[0].get_text() for a in figure.axes]
-    assert texts[0] == "dx = -3.5 um, P-V 22 nm"
-    assert texts[2] == "dR = 100 um, P-V 493 pm"
+    assert texts[0] == "dx = -3.5 µm, P-V 22 nm"
+    assert texts[2] == "dR = 100 µm, P-V 493 pm"
 
 
 def test_lines_that_are_empty_or_begin_in_the_core_are_refused():

@@ -28,7 +28,7 @@ from metrosep.recipe.report_fields import (
     report_tables,
 )
 from metrosep.report import render_html
-from metrosep.report.certificate import _catalogue, rounded_pair
+from metrosep.report.certificate import catalogue, quoted, rounded_pair, said
 from metrosep.report.issuing import Register
 
 PROBABILITY = 5e-7
@@ -313,9 +313,9 @@ def test_an_inconclusive_value_says_on_which_side_it_lies(part, upper, word):
 
 
 def test_every_language_has_every_text_with_the_same_places():
-    english = _catalogue("en")
+    english = catalogue("en")
     for language in LANGUAGES:
-        own = _catalogue(language)
+        own = catalogue(language)
         assert own.keys() == english.keys()
         for key, text in own.items():
             assert sorted(re.findall(r"{\w+}", text)) == sorted(re.findall(r"{\w+}", english[key]))
@@ -338,6 +338,75 @@ def test_the_page_speaks_the_language(part, language, texts):
     )
     for text in texts:
         assert text in shown
+
+
+FOREIGN = [n for n in LANGUAGES if n != "en"]
+
+
+def test_every_sentence_of_the_program_is_in_every_language_with_the_same_places():
+    english = set()
+    for entry in catalogue("sentences")["say"]:
+        assert set(entry) == set(LANGUAGES)
+        places = sorted(re.findall(r"{\w+}", entry["en"]))
+        for language in FOREIGN:
+            assert entry[language] != entry["en"]
+            assert sorted(re.findall(r"{\w+}", entry[language])) == places
+        english.add(entry["en"].lower())
+    assert len(english) == len(catalogue("sentences")["say"])
+    words = catalogue("pictures")
+    assert set(words) == set(FOREIGN)
+    assert len({frozenset(words[n]) for n in FOREIGN}) == 1
+
+
+@pytest.mark.parametrize(
+    "language",
+    ["de", "ja", pytest.param("zh", marks=pytest.mark.slow)],  # the places are those of ja
+)
+def test_no_sentence_of_a_certificate_is_english_but_what_a_person_wrote(part, language):
+    text = REPORT.replace("[report]\n", f'[report]\nlanguage = "{language}"\n', 1)
+    document = run(part, text)
+    # a warning of each kind: one that is known, and one that no catalogue holds
+    document["messages"] = [
+        "outliers: 12 of 10869 measured heights removed (robust sigma 1.488 nm); nothing is filled",
+        "a sentence of tomorrow's version",
+    ]
+    page = render_html(document)
+    shown = words(page[: page.index("<pre")] if "<pre" in page else page)
+    assert quoted("A sentence of tomorrow's version.", language) in shown
+    for english in (
+        "What is left after", "not measured or removed", "root mean square", "measured heights removed",
+        "step by step", "heights about their mean", "Through the middle", "standard uncertainty u",
+        "before any further step", "guard band ",
+    ):  # fmt: skip
+        assert english not in shown.replace("A sentence of tomorrow's version", "")
+    comma = "," if language == "de" else "."
+    assert f"1{comma}488 nm" in shown
+
+
+@pytest.mark.parametrize("language", FOREIGN)
+def test_a_sentence_keeps_every_number_and_the_order_of_limits(language):
+    english = "ppp: R is the largest of few: 1.31 times what it would be with many runs (interval 2.981 nm to 7.242 nm)"
+    own = said(english, language)
+    numbers = re.findall(r"\d+[.,]\d+", own)
+    assert [n.replace(",", ".") for n in numbers] == ["1.31", "2.981", "7.242"]
+    # a sentence that ends where another begins is not swallowed by a place that is open
+    both = said("Drawn up to 60. Gaps were not measured. Strange.", language)
+    assert both.count("60") == 1
+    assert "Gaps" not in both
+    assert "Strange." in both
+    assert said("Drawn up to 60", "en") == "Drawn up to 60"
+
+
+def test_pictures_without_a_font_stay_english_and_the_page_says_so(part, monkeypatch):
+    from metrosep.plot import style
+
+    text = REPORT.replace("[report]\n", '[report]\nlanguage = "ja"\n', 1)
+    document = run(part, text)
+    plain = style.font_with.__wrapped__
+    monkeypatch.setattr(style, "font_with", lambda letters: None)
+    assert "Noto Sans CJK" in words(render_html(document))
+    assert plain("\U0010fffd") is None
+    assert plain("Höhe") == "DejaVu Sans"
 
 
 # ---- the template of the house -------------------------------------------------------------------

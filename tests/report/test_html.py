@@ -8,7 +8,7 @@ import pytest
 
 from metrosep.core.errors import DataError, WriteError
 from metrosep.report import render_html, write_html
-from metrosep.report.certificate import _catalogue
+from metrosep.report.certificate import catalogue
 
 HOSTILE = "<script>alert('x')</script> & \"co\""
 VOID = {"meta", "img", "br", "link", "input", "hr"}
@@ -320,12 +320,12 @@ def test_the_annex_speaks_the_language_and_says_what_is_english(document, langua
     english = _text(document)
     document["report"] = {"language": [language]}
     text = _text(document)
-    annex = text[text.index(_catalogue(language)["program_texts"]) :]
+    annex = text[text.index(catalogue(language)["program_texts"]) :]
 
     for phrase in ENGLISH:
         assert phrase in english, phrase
         assert phrase not in annex, phrase
-    rows = re.search(rf"{_catalogue(language)['rest_note']}", annex)
+    rows = re.search(rf"{catalogue(language)['rest_note']}", annex)
     table = annex[: rows.start()][-160:]
     assert not re.search(r"\d[.]\d" if comma == "," else r"\d,\d", table), table
 
@@ -334,13 +334,13 @@ def test_a_german_picture_has_commas_and_german_words():
     from matplotlib.figure import Figure
 
     from metrosep.plot.style import localise
-    from metrosep.report.html import _picture_words
+    from metrosep.report.certificate import picture_words
 
     axes = Figure().add_subplot()
     axes.plot([0.0, 0.5], [-0.25, 0.25], label="before, 1.5 um")
     axes.set(xlabel="position of X / mm", ylabel="error (actual − nominal) / nm")
     axes.legend()
-    localise(axes.figure, words=_picture_words()["de"], decimal=",")
+    localise(axes.figure, words=picture_words("de")[0], decimal=",")
     axes.figure.canvas.draw()
 
     assert axes.get_xlabel() == "Position von X / mm"
