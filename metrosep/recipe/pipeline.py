@@ -6,6 +6,7 @@ tells everything from which a form for them can be made.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -451,11 +452,19 @@ def _filter(obj: Measured, options: Mapping[str, Any]) -> Done:
             kind=options.get("profile"),
             sections=options.get("sections"),
             core_filter=options.get("core_filter", "gaussian"),
+            stop=options.get("band") == "stop",
         )
     else:
         result = _one_cutoff(obj, kind, options)
     shape: Any = result.z.shape
     messages = []
+    if options.get("band") == "stop":
+        low, high = options["lambda_s"], options["lambda_c"]
+        left = 1.0 - 2.0 ** (-low / high) * (1.0 - 2.0 ** (-high / low))
+        messages.append(
+            f"filter: of waves of {format_length(math.sqrt(low * high))}, the middle of the band, "
+            f"{100.0 * left:.0f} % is left"
+        )
     if shape != obj.z.shape:
         messages.append(
             f"filter: the ends were cut, {obj.z.size - result.z.size} samples are gone"

@@ -106,11 +106,11 @@ def keys_of_step(op: str) -> StepKeys | None:
     """Return the keys of a step."""
     from metrosep.core.methods import METHODS
     from metrosep.recipe.schema import input_fields
-    from metrosep.recipe.steps import INPUT, STEPS
+    from metrosep.recipe.steps import INPUT, MEASURING, MEASURING_INPUT, STEPS
 
     if op in STEPS:
         columns = frozenset({"x", "z", "feed", "run", "direction", "time"})
-        return StepKeys(STEPS[op], INPUT, columns)
+        return StepKeys(STEPS[op], MEASURING_INPUT if op in MEASURING else INPUT, columns)
     if op not in METHODS:
         return None
     method = METHODS[op]

@@ -33,6 +33,7 @@ function render({ model, el, act, text }) {
   /** @type {[string, string, (short: string, long: string) => Record<string, string>][]} */
   const acts = [
     ["keep the ring", "Filter that leaves the waves in the ring", (short, long) => ({ op: "filter", lambda_s: short, lambda_c: long })],
+    ["take out the ring", "Filter that takes out the waves in the ring and leaves all others", (short, long) => ({ op: "filter", lambda_s: short, lambda_c: long, band: "stop" })],
     ["take out shorter", "Filter that takes out what is shorter than the ring", (short) => ({ op: "filter", cutoff: short })],
     ["take out longer", "Filter that takes out what is longer than the ring", (_, long) => ({ op: "filter", cutoff: long, band: "short" })],
   ];
