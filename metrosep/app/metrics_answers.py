@@ -41,12 +41,12 @@ def metrics(session: Session, message: Message, cancel: Cancel, tell: Tell) -> A
         }
         return header | nothing, {}
     tell({"k": "progress", "text": "separating" if opened.kind == "runs" else "computing"})
-    result, refused = _as_far_as_it_goes(opened.material, recipe, cancel)
+    result, refused = as_far_as_it_goes(opened.material, recipe, cancel)
     header |= _of_document(result, session)
     return header | ({"refused": session.words(str(refused))} if refused is not None else {}), {}
 
 
-def _as_far_as_it_goes(
+def as_far_as_it_goes(
     material: Separations | MethodResults, recipe: Recipe, cancel: Cancel
 ) -> tuple[Result, MetrosepError | None]:
     """Return the numbers of a recipe, and why a limit cannot be judged or a table is refused.

@@ -338,8 +338,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
     learn(header) {
       for (const one of header.stages ?? []) if (one.centre) centres.set(one.index, one.centre);
       if (header.rows && !header.is_preview) marks = marksOf(header.rows);
-      if (header.pixel) setPixel(step = Math.min(...header.pixel));
-      else if (header.pixel === null) step = 0; // the scale was taken back
+      if ("pixel" in header) step = header.pixel ? setPixel(Math.min(...header.pixel)) : 0; // 0: no scale
       draw();
     },
     reset() {
