@@ -130,7 +130,9 @@ class Evaluations:
             for i in range(same, len(keys)):
                 obj = kept.stages[-1].obj if kept.stages else source
                 try:
-                    (stage,) = run_steps(obj, [steps[i]], first=i, cancel=cancel, tell=tell)
+                    (stage,) = run_steps(
+                        obj, [steps[i]], first=i, cancel=cancel, tell=tell, preview=is_preview
+                    )
                 except CancelledError:
                     raise
                 except MetrosepError as exc:

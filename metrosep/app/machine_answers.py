@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from metrosep.app.metrics_answers import term_words
+from metrosep.app.metrics_answers import as_far_as_it_goes, term_words
 from metrosep.app.separations import MethodResults
 from metrosep.app.sessions import Session
 from metrosep.app.wire import Answer, Cancel, Message, Tell, plain
@@ -26,7 +26,7 @@ def machine(session: Session, message: Message, cancel: Cancel, tell: Tell) -> A
             f"there is a page of the machine for recipes of op {', '.join(OPS)} only, this one is {op}"
         )
     tell({"k": "progress", "words": "computing"})
-    result = opened.material.result(recipe, cancel)
+    result, refused = as_far_as_it_goes(opened.material, recipe, cancel)
     separation = result.document["separation"]
     header = {
         "op": op,
@@ -35,9 +35,10 @@ def machine(session: Session, message: Message, cancel: Cancel, tell: Tell) -> A
         "charts": separation["charts"],
         "messages": [
             session.words(str(m))
-            for m in (_messages(result) if op == "calibrate" else result.document["messages"])
+            for m in [refused] * (refused is not None)
+            + (_messages(result) if op == "calibrate" else list(result.document["messages"]))
         ],
-        "verdict": result.verdict,
+        "verdict": None if refused is not None else result.verdict,
     }
     return plain(header), {}
 

@@ -41,12 +41,12 @@ def metrics(session: Session, message: Message, cancel: Cancel, tell: Tell) -> A
         }
         return header | nothing, {}
     tell({"k": "progress", "text": "separating" if opened.kind == "runs" else "computing"})
-    result, refused = _as_far_as_it_goes(opened.material, recipe, cancel)
+    result, refused = as_far_as_it_goes(opened.material, recipe, cancel)
     header |= _of_document(result, session)
     return header | ({"refused": session.words(str(refused))} if refused is not None else {}), {}
 
 
-def _as_far_as_it_goes(
+def as_far_as_it_goes(
     material: Separations | MethodResults, recipe: Recipe, cancel: Cancel
 ) -> tuple[Result, MetrosepError | None]:
     """Return the numbers of a recipe, and why a limit cannot be judged or a table is refused.
@@ -96,6 +96,7 @@ def _of_document(result: Result, session: Session) -> dict[str, Any]:
 
 def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
     from metrosep.recipe.pipeline_run import Measurement, judge_measurement, with_sections
+    from metrosep.recipe.preflight import require_limits
 
     # limits of the very recipe whose steps were carried out: an edit may come meanwhile
     outcome, recipe, mark = session.evaluated(level_of(message), cancel=cancel)
@@ -131,18 +132,21 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
         ],
     }
     if outcome.error is not None:
-        header["failed"] = {"index": outcome.failed, "message": str(outcome.error)}
+        header["failed"] = session.failure(outcome)
     elif refused:
         header["refused"] = refused
-    elif not outcome.is_preview and recipe.checks:
+    elif not outcome.is_preview:
         try:
-            judged = judge_measurement(recipe, measured)
+            require_limits(recipe)  # what `metrosep run` refuses is not judged here
+            judged = judge_measurement(recipe, measured) if recipe.checks else None
         except MetrosepError as exc:
             # a limit of what is not there: the numbers are still shown
             header["refused"] = str(exc)
+            header["mends"] = session.mends(exc)
         else:
-            header["verdict"] = judged["verdict"]
-            header["checks"] = plain(judged["characteristics"])
+            if judged is not None:
+                header["verdict"] = judged["verdict"]
+                header["checks"] = plain(judged["characteristics"])
     return header, {}
 
 

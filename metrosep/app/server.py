@@ -48,7 +48,7 @@ from metrosep.app.view_tables import (
     section_view,
 )
 from metrosep.app.wire import Answer, Arrays, Cancel, Message, Tell, error_header, level_of, pack
-from metrosep.core.errors import DataError, MetrosepError, WriteError
+from metrosep.core.errors import DataError, MetrosepError, RecipeError, WriteError
 from metrosep.core.exit_codes import exit_code_of
 from metrosep.core.profile import Profile
 from metrosep.core.sections import section_profile
@@ -356,6 +356,8 @@ class _Talk:
             header = _failed(exc, number, kind)
             if kind != "open":  # what cannot be opened says nothing about the open recipe
                 header["error"]["message"] = self.answers.session.words(str(exc))
+            if kind == "edit" and isinstance(exc, RecipeError):
+                header["error"]["mends"] = self.answers.session.mends(exc, edits_of(message))
             return header, {}
         except (KeyError, TypeError, ValueError) as exc:
             words = f"the request {kind} is not as it should be ({type(exc).__name__}: {exc})"
@@ -472,13 +474,8 @@ class Answers:
         return {"session": self.session.state()}, {}
 
     def _edit(self, message: Message) -> Answer:
-        given = message.get("edits", [message])
-        if not isinstance(given, list) or not all(isinstance(e, Mapping) for e in given):
-            raise DataError("edits is a list of objects with path, old and new")
         label = message.get("label")
-        self.session.edit(
-            [Edit.from_message(e) for e in given], label if isinstance(label, str) else None
-        )
+        self.session.edit(edits_of(message), label if isinstance(label, str) else None)
         return {"session": self.session.state()}, {}
 
     def _view(self, message: Message) -> Answer:
@@ -492,6 +489,14 @@ class Answers:
     def _redo(self, message: Message) -> Answer:
         self.session.redo()
         return {"session": self.session.state()}, {}
+
+
+def edits_of(message: Message) -> list[Edit]:
+    """Return the edits of a request."""
+    given = message.get("edits", [message])
+    if not isinstance(given, list) or not all(isinstance(e, Mapping) for e in given):
+        raise DataError("edits is a list of objects with path, old and new")
+    return [Edit.from_message(e) for e in given]
 
 
 # ---- answers that are pictures of one map or profile: map, section, profile, spectrum ----------

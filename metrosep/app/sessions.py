@@ -14,10 +14,11 @@ from typing import Any
 
 from metrosep.app.documents import Edit, Places, RecipeDocument, refuse_changed, refuse_open
 from metrosep.app.evaluations import Evaluations, Level, Outcome
+from metrosep.app.mends import mends_of_edit, mends_of_refusal, mends_of_step
 from metrosep.app.opening import Opened, open_files, open_with, read_again, session_text
 from metrosep.app.view_tables import shown_view
 from metrosep.core.atomic import atomic_write
-from metrosep.core.errors import DataError, WriteError
+from metrosep.core.errors import DataError, MetrosepError, WriteError
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.step_help import step_words
 
@@ -201,6 +202,20 @@ class Session:
             words = words.replace("nesting_index", "cutoff") if op == "filter" else words
             error.args = (words, *error.args[1:])
         return outcome, recipe, mark_of(opened, recipe)
+
+    def failure(self, outcome: Outcome) -> dict[str, Any]:
+        """Return the step that could not be carried out, why, and what may be done."""
+        index, words = outcome.failed, str(outcome.error)
+        mends = [] if index is None else mends_of_step(self._need(), index, words)
+        return {"index": index, "message": words, "mends": mends}
+
+    def mends(
+        self, error: MetrosepError, edits: Sequence[Edit] | None = None
+    ) -> list[dict[str, Any]]:
+        """Return what may be done about edits that were refused, or steps and limits that do not fit."""
+        if edits is None:
+            return mends_of_refusal(self._need(), error)
+        return mends_of_edit(self._need(), edits, str(error))
 
     def state(self) -> dict[str, Any]:
         """Return everything that the page shows of the recipe."""

@@ -35,7 +35,16 @@ __all__ = [
     "with_view",
 ]
 
-VIEW_KEYS = ("tab", "colours", "hill_shade", "section_mm", "section_px", "band_mm", "lower")
+VIEW_KEYS = (
+    "tab",
+    "colours",
+    "hill_shade",
+    "section_mm",
+    "section_px",
+    "band_mm",
+    "band_px",
+    "lower",
+)
 """Tab, colours of the map, hill-shade, ends of the section, limits of the band of wavelengths, lower picture."""
 
 _FARTHEST = 1e9
@@ -74,7 +83,7 @@ def _fits(key: str, value: Any) -> bool:
         return isinstance(value, str) and len(value) <= 40 and value.isprintable()
     if key == "hill_shade":
         return isinstance(value, bool)
-    if key == "band_mm":
+    if key in ("band_mm", "band_px"):
         return _numbers(value) and 0 < value[0] < value[1]
     two = isinstance(value, list) and len(value) == 2 and all(_numbers(end) for end in value)
     return two and value[0] != value[1]

@@ -30,7 +30,7 @@ _GROUPS = {
     },
     "Report": {"report": "reporting", "diff": "reporting"},
     "Tools": {
-        "demo": "jobs", "ui": "workbench", "formats": "files", "controllers": "files", "ops": "ops",
+        "demo": "jobs", "ui": "workbench", "listen": "listening", "formats": "files", "controllers": "files", "ops": "ops",
         "doctor": "doctor", "completion": "doctor",
     },
 }  # fmt: skip
@@ -206,7 +206,7 @@ def _source(module: str) -> str:
 class _Heartbeat:
     """Says on standard error what a long command is at: from 0.5 s on a terminal, else every 10 s."""
 
-    _SILENT = ("ui", "batch", "completion")  # they have words of their own
+    _SILENT = ("ui", "batch", "listen", "completion")  # they have words of their own
 
     def __init__(self, words: list[str], told: dict[str, Any]) -> None:
         self._name = next((w for w in words if w in _HOMES), "")

@@ -358,6 +358,11 @@ def _as_typed(error: RecipeError, text: str) -> RecipeError:
 
     message = re.sub(r"\b(names|kind|edition|form) = ", r"--\1 ", option_error(error))
     message = re.sub(r"step \d+ \(\w+\): ", "", message.replace("--names", "--params"))
+    message = re.sub(
+        r'\b(\w+) = ("[^"]*") in \[input\]',
+        lambda m: f"--{m[1].replace('_', '-')} {m[2]}",
+        message,
+    )
     before = text.splitlines()[: error.line or 0]
     headers = [line for line in before if line.startswith("[")]
     if headers[-1:] != ["[[check]]"]:

@@ -357,8 +357,8 @@ def require_steps(surface: Surface) -> None:
     """Refuse a map without both lateral steps: a profile is in m, and its pixels are no m."""
     if not is_calibrated(surface):
         raise DataError(
-            "a section of a map without lateral steps has no lengths; give the map both, "
-            "Surface(z, dx, dy)"
+            "a section of a map without lateral steps has no lengths; read the file with "
+            "lateral_step=..."
         )
 
 

@@ -172,7 +172,7 @@ def surface_steps(surface: Surface) -> tuple[float, float]:
         missing = " and ".join(n for n in ("dx", "dy") if getattr(surface, n) is None)
         raise DataError(
             f"the surface has no lateral step {missing}, so a wavelength in m means nothing; "
-            "give the steps: Surface(z, dx, dy)"
+            "read the file with lateral_step=..."
         )
     return surface.dy, surface.dx
 

@@ -79,7 +79,7 @@ def resample(
         return Profile(x, z, metadata=obj.metadata, history=(*obj.history, note))
     if not is_calibrated(obj):
         raise DataError(
-            "a map without lateral steps cannot be resampled; give it Surface(z, dx, dy)"
+            "a map without lateral steps cannot be resampled; read the file with lateral_step=..."
         )
     if isinstance(onto, Surface):
         if not is_calibrated(onto):

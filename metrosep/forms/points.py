@@ -217,7 +217,7 @@ def points_of(
     elif isinstance(obj, Surface):
         if obj.dx is None or obj.dy is None:
             raise DataError(
-                "the surface has no lateral calibration (dx or dy is None), and a form needs one: "
+                "the surface has no lateral calibration, and a form needs one: "
                 "read the file with lateral_step=..."
             )
         rows, columns = obj.shape

@@ -270,9 +270,7 @@ class GridForm(Shape):
         if not isinstance(self.surface, Surface):
             raise DataError(f"a grid form is made of a Surface, got {type(self.surface).__name__}")
         if self.surface.dx is None or self.surface.dy is None:
-            raise DataError(
-                "the nominal map has no lateral calibration (dx or dy is None): give both steps"
-            )
+            raise DataError("the nominal map has no lateral calibration: give both steps")
         rows, columns = self.surface.shape
         valid = ~np.isnan(self.surface.z)
         whole = valid[1:, 1:] & valid[1:, :-1] & valid[:-1, 1:] & valid[:-1, :-1]

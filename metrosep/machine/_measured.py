@@ -105,9 +105,7 @@ def _axis(source: Any, form: Any, centre: tuple[float, float] | None) -> Axis:
 def _coordinates(source: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
     if isinstance(source, Surface):
         if source.dx is None or source.dy is None:
-            raise DataError(
-                "the map has no lateral calibration (dx or dy is None): give both steps"
-            )
+            raise DataError("the map has no lateral calibration: give both steps")
         x = source.origin[0] + source.dx * np.arange(source.shape[1])
         y = source.origin[1] + source.dy * np.arange(source.shape[0])
         grid_x, grid_y = np.meshgrid(x, y)

@@ -172,7 +172,7 @@ def _about_the_axis(
     """Return positions from the optical axis, the axis in the map, and how it was found."""
     if surface.dx is None or surface.dy is None:
         raise DataError(
-            "the surface has no lateral calibration (dx or dy is None), and slopes need one: read "
+            "the surface has no lateral calibration, and slopes need one: read "
             "the file with lateral_step=..."
         )
     rows, columns = surface.shape

@@ -210,7 +210,9 @@ def step_height(
             "a step height needs the width of a groove, or two regions: upper and lower"
         )
     if isinstance(obj, Surface) and (obj.dx is None or obj.dy is None):
-        raise DataError("the surface has no lateral step in both axes: give Surface(z, dx, dy)")
+        raise DataError(
+            "the surface has no lateral step in both axes: read the file with lateral_step=..."
+        )
     if width is None:
         if not isinstance(obj, Surface):
             raise DataError("upper and lower are regions of a map; of a profile give width")
@@ -274,7 +276,9 @@ def step_between(
     choice(kind, "kind", tuple(_LENGTHS))
     _check_degree(degree)
     if surface.dx is None or surface.dy is None:
-        raise DataError("the surface has no lateral step in both axes: give Surface(z, dx, dy)")
+        raise DataError(
+            "the surface has no lateral step in both axes: read the file with lateral_step=..."
+        )
     across = positive(width, "width", dimension="length")
     (ax, ay), (bx, by) = position(a, "a"), position(b, "b")
     L = float(np.hypot(bx - ax, by - ay))

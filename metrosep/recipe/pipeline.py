@@ -6,6 +6,7 @@ tells everything from which a form for them can be made.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -240,8 +241,10 @@ def measuring_steps(
     return tuple(checked)
 
 
-def run_step(obj: Measured, step: Mapping[str, Any], *, index: int = 0) -> Stage:
-    """Return what one step makes of an object."""
+def run_step(
+    obj: Measured, step: Mapping[str, Any], *, index: int = 0, preview: bool = False
+) -> Stage:
+    """Return what one step makes of an object; of a coarse preview without its uncertainty."""
     if not isinstance(obj, Surface | Profile):
         raise InvalidSamplesError(
             f"the steps of a measurement need a profile or a map, got a {type(obj).__name__}; name "
@@ -255,7 +258,8 @@ def run_step(obj: Measured, step: Mapping[str, Any], *, index: int = 0) -> Stage
         kind, other = ("map", "surface") if isinstance(obj, Surface) else ("profile", "line")
         raise StepError(f"{op} does not belong to a {kind}; take {other}_profile", "op")
     began = time.perf_counter()
-    done: Done = APPLY[op](obj, options)
+    hurried = preview and op == "form"
+    done: Done = _form(obj, options, with_u=False) if hurried else APPLY[op](obj, options)
     messages = done.messages
     if options.get("intermediate", False):
         messages += (
@@ -290,6 +294,7 @@ def run_steps(
     first: int = 0,
     cancel: Callable[[], bool] | None = None,
     tell: Tell | None = None,
+    preview: bool = False,
 ) -> tuple[Stage, ...]:
     """Return what each of a list of steps makes of an object, one after the other.
 
@@ -308,6 +313,8 @@ def run_steps(
         Asked before each step; true stops.
     tell : callable, optional
         Told what is being done.
+    preview : bool, optional
+        `obj` is a coarse copy: fits state no uncertainty, which is that of the whole map.
 
     Returns
     -------
@@ -346,7 +353,9 @@ def run_steps(
             raise CancelledError(f"stopped before step {number + 1} ({step.get('op')})")
         if tell is not None and step.get("enabled", True):
             tell(f"step {number + 1}: {step.get('op')}")
-        stages.append(run_step(stages[-1].obj if stages else obj, step, index=number))
+        stages.append(
+            run_step(stages[-1].obj if stages else obj, step, index=number, preview=preview)
+        )
     return tuple(stages)
 
 
@@ -404,14 +413,16 @@ def _outliers(obj: Measured, options: Mapping[str, Any]) -> Done:
     return Done(result, messages=tuple(messages), audit=audit)
 
 
-def _form(obj: Measured, options: Mapping[str, Any]) -> Done:
+def _form(obj: Measured, options: Mapping[str, Any], *, with_u: bool = True) -> Done:
     from metrosep.forms.fit import fit
 
     ideal, rest = form_options(options)
     result = fit(obj, ideal, **rest)
     left = result.residual
     assert isinstance(left, Surface | Profile)  # noqa: S101  # as obj is
-    u, name = result.u, result.form.name
+    name = result.form.name
+    u = result.u if with_u else dict.fromkeys(result.u_white, math.nan)
+    dof = result.dof_effective if with_u else math.nan
     found = {
         k: Quantity(
             result.params[k],
@@ -419,7 +430,7 @@ def _form(obj: Measured, options: Mapping[str, Any]) -> Done:
             f"{k.replace('_', ' ')} of the fitted {name}",
             u=float(v) if np.isfinite(v) else None,
             symbol=k,
-            dof=result.dof_effective if np.isfinite(result.dof_effective) else None,
+            dof=dof if np.isfinite(dof) else None,
             u_source="fit residual",
         )
         for k, v in u.items()
@@ -429,11 +440,13 @@ def _form(obj: Measured, options: Mapping[str, Any]) -> Done:
         result.peak_to_valley, "m", f"P-V {text}", symbol="PV residual"
     )
     found["residual.rms"] = Quantity(result.rms, "m", f"RMS {text}", symbol="RMS residual")
-    messages = [*result.warnings, *result.notes, *([result.assumption] if u else [])]
+    messages = [*result.found_warnings, *result.notes]
+    if with_u:
+        messages = [*result.warnings, *result.notes, *([result.assumption] if u else [])]
     lost = left.n_invalid - obj.n_invalid
     if lost:
         messages.append(f"{lost} measured heights lie where the {name} has no value")
-    return Done(left, found, tuple(messages), result.to_dict(), result)
+    return Done(left, found, tuple(messages), result.to_dict() if with_u else {}, result)
 
 
 def _filter(obj: Measured, options: Mapping[str, Any]) -> Done:
@@ -451,11 +464,19 @@ def _filter(obj: Measured, options: Mapping[str, Any]) -> Done:
             kind=options.get("profile"),
             sections=options.get("sections"),
             core_filter=options.get("core_filter", "gaussian"),
+            stop=options.get("band") == "stop",
         )
     else:
         result = _one_cutoff(obj, kind, options)
     shape: Any = result.z.shape
     messages = []
+    if options.get("band") == "stop":
+        low, high = options["lambda_s"], options["lambda_c"]
+        left = 1.0 - 2.0 ** (-low / high) * (1.0 - 2.0 ** (-high / low))
+        messages.append(
+            f"filter: of waves of {format_length(math.sqrt(low * high))}, the middle of the band, "
+            f"{100.0 * left:.0f} % is left"
+        )
     if shape != obj.z.shape:
         messages.append(
             f"filter: the ends were cut, {obj.z.size - result.z.size} samples are gone"

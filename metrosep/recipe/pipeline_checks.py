@@ -193,6 +193,8 @@ def _check_filter(options: Mapping[str, Any]) -> None:
     stray = next((k for k in options if k in given - set(FILTER_KEYS[kind])), None)
     if stray is not None:
         raise StepError(f"{stray} does not belong to kind = {kind!r}", stray)
+    if options.get("band") == "stop":
+        _check_stop(kind, options)
     if kind in ("closing", "opening"):
         if len(given & {"radius", "length"}) != 1:
             raise StepError(f'{kind} needs radius = "5 um", or length = "10 um"', "kind")
@@ -205,7 +207,7 @@ def _check_filter(options: Mapping[str, Any]) -> None:
             'a gaussian filter needs lambda_s, lambda_c or both, or cutoff = "25 um" with a band',
             "cutoff" if pair else "op",
         )
-    if pair:
+    if pair and options.get("band") != "stop":
         for key in ("band", "refilter"):
             if key in given:
                 raise StepError(f"{key} goes with cutoff, not with lambda_s and lambda_c", key)
@@ -223,6 +225,20 @@ def _check_filter(options: Mapping[str, Any]) -> None:
     for key in ("sections",):
         if options.get(key, 1) < 1:
             raise StepError(f"{key} is a whole number from 1", key)
+
+
+def _check_stop(kind: str, options: Mapping[str, Any]) -> None:
+    if kind != "gaussian":
+        raise StepError('band = "stop" belongs to kind = "gaussian"', "band")
+    if not {"lambda_s", "lambda_c"} <= options.keys():
+        raise StepError(
+            'band = "stop" needs lambda_s and lambda_c, the ends of what is removed', "band"
+        )
+    for key in ("profile", "sections", "core_filter", "refilter"):
+        if key in options:
+            raise StepError(f'{key} does not go with band = "stop"', key)
+    if options.get("end") == "cut":
+        raise StepError('end = "cut" does not go with band = "stop"', "end")
 
 
 def _check_form(options: Mapping[str, Any]) -> None:
@@ -541,8 +557,8 @@ FILTER: Mapping[str, Option] = {
     "cutoff": Option("size", help="one cut-off wavelength, in place of lambda_s and lambda_c"),
     "band": Option(
         "text",
-        choices=("long", "short"),
-        help="what stays with cutoff: waves longer, or shorter than it",
+        choices=("long", "short", "stop"),
+        help="what stays: waves longer or shorter than cutoff; stop: all but lambda_s to lambda_c (gaussian)",
         default="long",
     ),
     "end": Option(
@@ -701,8 +717,9 @@ def iso_filtered(
     kind: str | None = None,
     sections: int | None = None,
     core_filter: str = "gaussian",
+    stop: bool = False,
 ) -> Any:
-    """Return an object after the S-filter and the L-filter, both Gaussian."""
+    """Return an object after the S-filter and the L-filter, both Gaussian; or what these take off."""
     from metrosep.filters import Band, chain, gaussian
 
     if lambda_s is not None and lambda_c is not None and not lambda_s < lambda_c:
@@ -714,7 +731,8 @@ def iso_filtered(
     if lambda_s is None and lambda_c is None:
         return obj
     options: dict[str, Any] = {"end": end}
-    if isinstance(obj, Surface):
+    if stop or isinstance(obj, Surface):
+        options["stop"] = stop
         return gaussian(obj, band=Band(shortest=lambda_s, longest=lambda_c), **options)
     if lambda_c is None:
         assert lambda_s is not None  # noqa: S101  # one of them is given

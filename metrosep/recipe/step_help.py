@@ -81,6 +81,8 @@ _OTHER_ARGUMENT = re.compile(r",? or (?:give |tell it with )?([a-z_]\w*)=(?=[;.,
 """A last way out by an argument, which falls away where the step has no such key."""
 _ALL_THE_SAME = re.compile(r" \(([a-z_]\w*)=\w+ in Python does it all the same\)")
 """A way out that only a step with such a key has."""
+_WAIVED = re.compile(r"say waive='([^']*)'")
+"""A way out that is a key of the output whose file was refused."""
 _SENSITIVITY = re.compile(r"give the sensitivity of the sensor, such as scale='[^']*'")
 _MULTIPLY = (
     "multiply it by the sensitivity of the sensor, and let the header name the unit of length"
@@ -106,11 +108,11 @@ def keys_of_step(op: str) -> StepKeys | None:
     """Return the keys of a step."""
     from metrosep.core.methods import METHODS
     from metrosep.recipe.schema import input_fields
-    from metrosep.recipe.steps import INPUT, STEPS
+    from metrosep.recipe.steps import INPUT, MEASURING, MEASURING_INPUT, STEPS
 
     if op in STEPS:
         columns = frozenset({"x", "z", "feed", "run", "direction", "time"})
-        return StepKeys(STEPS[op], INPUT, columns)
+        return StepKeys(STEPS[op], MEASURING_INPUT if op in MEASURING else INPUT, columns)
     if op not in METHODS:
         return None
     method = METHODS[op]
@@ -158,6 +160,11 @@ def in_words(message: str, keys: StepKeys, *, command: bool = False) -> str:
                 text = _worded(name, value, unit or "", keys, command=option)
         return found.group() if text is None else text
 
+    if not command:
+        message = _WAIVED.sub(
+            lambda m: "write waive = [" + ", ".join(f'"{c}"' for c in m[1].split(", ")) + "] there",
+            message,
+        )
     message = _of_columns(message, keys)
     changed = _NAMED.sub(words, message)
     if changed != message:

@@ -393,8 +393,8 @@ def _frequencies(n: int, dx: float) -> FloatArray:
 def _steps(surface: Surface) -> tuple[float, float]:
     if surface.dx is None or surface.dy is None:
         raise DataError(
-            "the surface has no lateral step in both axes, so it has no frequencies in 1/m; give "
-            "the steps: Surface(z, dx, dy)"
+            "the surface has no lateral step in both axes, so it has no frequencies in 1/m; "
+            "read the file with lateral_step=..."
         )
     return surface.dx, surface.dy
 

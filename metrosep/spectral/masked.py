@@ -228,8 +228,8 @@ def _steps(obj: Surface | Profile) -> tuple[float, float]:
         return 1.0, obj.dx
     if obj.dx is None or obj.dy is None:
         raise DataError(
-            "the surface has no lateral step in both axes, so it has no frequencies in 1/m; give "
-            "the steps: Surface(z, dx, dy)"
+            "the surface has no lateral step in both axes, so it has no frequencies in 1/m; "
+            "read the file with lateral_step=..."
         )
     return obj.dy, obj.dx
 

@@ -62,6 +62,14 @@ def test_circles_and_heat_have_charts_too(repository, tmp_path, example, recipe)
     assert found["verdict"] == "accept"
 
 
+def test_what_is_refused_leaves_terms_and_pictures_and_no_verdict(repository, tmp_path):
+    wrong = '\n[[check]]\nmetric = "nothing"\nupper = "1 um"\nU = "1 nm"\n'
+    found = ask(session_of(repository, tmp_path, "thermal", change=lambda t: t + wrong))
+    assert found["verdict"] is None
+    assert "nothing" in found["messages"][0]
+    assert found["charts"][0]["kind"] == "curves"
+
+
 def test_other_recipes_have_no_page_of_a_machine(repository, tmp_path):
     session = session_of(repository, tmp_path, "drift")
     with pytest.raises(DataError, match="this one is iso230_3_drift"):

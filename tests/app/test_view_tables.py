@@ -87,6 +87,7 @@ def test_comments_and_later_tables_stay():
         {"tab": 3},
         {"tab": "a\nb"},
         {"band_mm": [2.0, 1.0]},
+        {"band_px": [2.0, 1.0]},
         {"band_mm": [-2.0, 1.0]},
         {"band_mm": [1.0, 10**400]},
         {"section_mm": [[0.0, 1.0], [0.0, 1.0]]},

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.browser
+
 STEP = 1e-5
 LIMIT = "A = 5 nm^2 mm, B = 2 from 0.05 mm to 0.5 mm"
 

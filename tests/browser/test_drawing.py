@@ -244,15 +244,8 @@ def test_a_gesture_is_one_edit_and_one_undo_restores_the_bytes(
     assert hand.page.errors == []
 
 
-def test_all_gestures_together_give_the_bytes_of_metrosep_run(
-    opened: Opened, map_file: Path
-) -> None:
-    page = opened(map_file)
-    hand = Hand(page)
-    for name, act in GESTURES.items():
-        if name != "ring":
-            settled(page, lambda act=act: act(hand))
-        page.press("Escape")
+def same_bytes(page: Any, map_file: Path) -> bytes:
+    """Hold the result that the page exports against that of the command, byte for byte."""
     folder = map_file.parent
     page.press("s")
     page.fill("dialog [name=path]", str(folder / "hand.toml"))
@@ -268,6 +261,19 @@ def test_all_gestures_together_give_the_bytes_of_metrosep_run(
     )  # fmt: skip
     ours, theirs = ((folder / d / "result.json").read_bytes() for d in ("by-hand", "by-run"))
     assert ours == theirs
+    return bytes(theirs)
+
+
+def test_all_gestures_together_give_the_bytes_of_metrosep_run(
+    opened: Opened, map_file: Path
+) -> None:
+    page = opened(map_file)
+    hand = Hand(page)
+    for name, act in GESTURES.items():
+        if name != "ring":
+            settled(page, lambda act=act: act(hand))
+        page.press("Escape")
+    theirs = same_bytes(page, map_file)
     found = {e["metric"]: e["value"] for e in json.loads(theirs)["characteristics"]}
     angle = np.subtract(CORNERS[0], CORNERS[1]), np.subtract(CORNERS[2], CORNERS[1])
     cos = angle[0] @ angle[1] / np.hypot(*angle[0]) / np.hypot(*angle[1])

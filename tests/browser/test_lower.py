@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.test_drawing import Hand, a_round_section, metres
+from browser.test_drawing import Hand, a_round_section, metres, same_bytes
 from browser.test_work import settled
 
 pytestmark = pytest.mark.browser
@@ -59,6 +59,10 @@ def test_a_ring_of_waves_becomes_a_filter(opened: Opened, map_file: Path) -> Non
     step = Hand(page).data()["step"][1]
     assert step["op"] == "filter"
     assert 0 < metres(step["lambda_s"]) < metres(step["lambda_c"])
+    settled(page, lambda: page.click("#undo"))
+    settled(page, lambda: page.click("#waves2d .fourier-bar button:nth-child(2)"))
+    assert Hand(page).data()["step"][1] == {**step, "band": "stop"}
+    same_bytes(page, map_file)
     assert page.errors == []
 
 

@@ -130,3 +130,37 @@ def test_the_page_is_small_and_asks_nobody_else(opened: Opened, plate: Path) -> 
     assert sum((static / f"{n}.js").stat().st_size for n in new) <= 200_000
     outside = [r for r in page.requests if "//127.0.0.1:" not in r and not r.startswith("about:")]
     assert [r for r in outside if not r.startswith(("data:", "blob:"))] == []
+
+
+def test_light_is_turned_by_slider_and_keys_and_the_picture_has_its_axes(
+    opened: Opened, plate: Path
+) -> None:
+    page = relief_of(opened, plate)
+    pixels = (
+        "(() => { const c = document.querySelector('#relief canvas'); const g = c.getContext('webgl2');"
+        "const d = new Uint8Array(4 * c.width * c.height); g.readPixels(0, 0, c.width, c.height, g.RGBA,"
+        "g.UNSIGNED_BYTE, d); let s = 0; for (let i = 0; i < d.length; i += 4) s += d[i + 1]; return s; })()"
+    )
+    frames = f"Number({CANVAS}.dataset.frames)"
+    at_rest = page.run(pixels)
+    slider = "document.getElementById('relief-light')"
+    before = page.run(frames)
+    page.run(f"({slider}.value = '310', {slider}.dispatchEvent(new Event('input')))")
+    page.wait(f"{frames} > {before} && {pixels} !== {at_rest}")
+    page.run(f"{CANVAS}.focus()")
+    page.press("[")
+    page.wait(f"{slider}.value === '325'")
+    page.press("Home")
+    page.wait(f"{slider}.value === '130'")
+    page.run(
+        "URL.createObjectURL = (blob) => { createImageBitmap(blob).then((b) => { const c ="
+        "document.createElement('canvas'); [c.width, c.height] = [b.width, b.height]; const p ="
+        "c.getContext('2d'); p.drawImage(b, 0, 0); window.saved = [b.width, b.height,"
+        "p.getImageData(0, 0, 1, 1).data[3]]; }); return 'data:,'; }"
+    )
+    page.click("#relief-save")
+    width, height, alpha = page.wait("window.saved")
+    assert width == page.run("document.getElementById('relief').clientWidth")
+    assert alpha == 255  # a ground of its own: dark axes stay readable in a report
+    assert height > 100
+    assert page.errors == []

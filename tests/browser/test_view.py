@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from browser.conftest import FULL
 from browser.test_folder import part
 
 from metrosep.app.opening import autosave_path
@@ -239,4 +240,33 @@ def test_alt_arrows_go_back_through_what_was_looked_at_and_leave_the_recipe(
         alt("ArrowRight")
     page.wait("document.body.dataset.tab === 'report'")
     assert page.run(recipe) == before
+    assert page.errors == []
+
+
+def test_a_map_without_scale_reads_in_px_and_gets_its_scale_by_a_known_length(
+    opened: Opened, tmp_path: Path
+) -> None:
+    from metrosep import Surface
+    from metrosep.io.write import write
+
+    y, x = np.mgrid[0:120, 0:200]
+    write(Surface(20e-9 * np.cos(x / 3.0) + 1e-9 * y), tmp_path / "px.h5")
+    page = opened(tmp_path / "px.h5", "document.querySelector('.step.failed .mends') !== null")
+    page.wait("document.getElementById('spectrum').textContent.includes('px to')")
+    length = "document.getElementById('section-of').textContent"
+    page.wait(f"{length}.includes('168.0')")
+    assert page.run(
+        "!/[0-9.]\\u2009[nµmk]?m/.test(document.getElementById('section-of').textContent)"
+    )
+    page.press("c")  # a shape has lengths: none is drawn
+    page.wait("document.getElementById('alerts').textContent.includes('scale')")
+    page.click("#no-scale button")
+    page.wait("document.querySelector('dialog[open]') !== null")
+    page.fill("dialog [name=known]", "0.504 mm")
+    page.click("dialog [value=yes]")
+    page.wait(FULL)
+    page.wait(f"{length}.includes('504.0\\u2009µm')")
+    assert page.run("document.getElementById('no-scale').hidden")
+    page.click("#undo")
+    page.wait(f"{length}.includes('168.0\\u2009px')")
     assert page.errors == []

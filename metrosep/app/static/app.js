@@ -14,6 +14,7 @@ import { makeHeadline } from "./headline.js";
 import { makeHistory } from "./history.js";
 import { KEYS, listenToKeys } from "./keys.js";
 import { makeLadder } from "./ladder.js";
+import { mendButtons, scaleLine } from "./mends.js";
 import { makeMetrics } from "./metrics.js";
 import { makeMemory } from "./remember.js";
 import { make as makeCompare } from "./tab_compare.js";
@@ -75,6 +76,15 @@ const { save, exportResult } = makeExports({ wire, status: el("status-link"), se
 
 const follow = makeFollow(el("follow"), wire, (paths) => open(paths, true), fail);
 
+el("no-scale").append(scaleLine(edit, () => session, () => {
+  const [a, b] = [views.map.get("a"), views.map.get("b")];
+  return a && b ? Math.hypot(b[0] - a[0], b[1] - a[1]) : 0;
+}));
+views.map.on("change:unit", () => {
+  el("no-scale").hidden = views.map.get("unit") !== "px";
+  document.body.classList.toggle("unscaled", !el("no-scale").hidden);
+});
+
 const isOf = (/** @type {string[]} */ ...kinds) => (/** @type {Dict} */ one) => kinds.includes(one.kind);
 const tabs = makeTabs(el("tabs"), [
   { id: "view", label: (one) => (one.kind === "map" ? "Map" : "Profile"), fits: isOf("map", "profile"), make: null },
@@ -108,7 +118,8 @@ const seen = makeHistory(() => {
 
 function fail(/** @type {unknown} */ error) {
   if (error instanceof Superseded) return; // a newer wish took its place
-  alertText(error instanceof Error ? error.message : String(error));
+  const mends = error instanceof Refusal ? error.mends : [];
+  alertText(error instanceof Error ? error.message : String(error), mends.length ? mendButtons(mends, edit, clearAlerts) : null);
   if (!(error instanceof Refusal)) console.error(error);
 }
 
@@ -170,6 +181,7 @@ async function askMetrics(/** @type {import("./ladder.js").Level} */ level) {
 
 function take(/** @type {Dict} */ next, isNewFile = false) {
   const changed = next.hash !== session.hash || isNewFile;
+  const rescaled = !isNewFile && session.input?.lateral_step !== next.input?.lateral_step;
   session = next;
   document.body.dataset.kind = session.kind ?? "none";
   if (isNewFile) {
@@ -183,6 +195,11 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
     notes = [];
     seen.reset();
     follow.stop();
+  }
+  if (rescaled) { // places in px are no places in m
+    views.reset(session.view ?? {});
+    drawing.reset();
+    seen.reset();
   }
   follow.allow(["map", "profile"].includes(session.kind ?? "") && session.files?.length === 1);
   drawSession();

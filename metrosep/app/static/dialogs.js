@@ -166,11 +166,11 @@ export function showHelp(keys, version) {
  * Show an error at the top of the page until it is read.
  * @param {string} text of the server
  */
-export function alertText(text) {
+export function alertText(text, more = null) {
   const place = document.getElementById("alerts");
   if (!place || [...place.querySelectorAll("p")].some((p) => p.textContent === text)) return;
   const close = make("button", { type: "button", className: "small", textContent: "Close" });
-  const el = make("div", { className: "alert" }, make("p", { textContent: text }), close);
+  const el = make("div", { className: "alert" }, make("p", { textContent: text }), ...(more ? [more] : []), close);
   close.addEventListener("click", () => el.remove());
   place.append(el);
 }

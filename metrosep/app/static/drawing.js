@@ -177,7 +177,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
   function ready() {
     if (session().kind !== "map") return false;
     if (step > 0) return true;
-    say("This map has no lateral calibration, so that shapes have no lengths: open it with its lateral step.");
+    say("This map has no lateral calibration, so that shapes have no lengths: give it its scale first.");
     return false;
   }
 
@@ -338,7 +338,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
     learn(header) {
       for (const one of header.stages ?? []) if (one.centre) centres.set(one.index, one.centre);
       if (header.rows && !header.is_preview) marks = marksOf(header.rows);
-      if (header.pixel) setPixel(step = Math.min(...header.pixel));
+      if ("pixel" in header) step = header.pixel ? setPixel(Math.min(...header.pixel)) : 0; // 0: no scale
       draw();
     },
     reset() {

@@ -7,7 +7,7 @@
 
 import { painted } from "./colours.js";
 import { si } from "./format.js";
-import { makeHandle, wheelFactor } from "./handles.js";
+import { listenToPinch, makeHandle, wheelFactor } from "./handles.js";
 import { typed } from "./wire.js";
 
 /** @typedef {import("./wire.js").Model} Model */
@@ -26,15 +26,16 @@ function render({ model, el, act, text }) {
   el.replaceChildren(read, words, field, bar);
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
   const picture = document.createElement("canvas");
-  let [side, scale, zoom] = [1, 0, 1]; // CSS pixels; 1/m for one of them; 1: all frequencies
+  let [side, scale, zoom] = [1, 0, 0]; // CSS pixels; 1/m for one of them; 1: all frequencies, 0: not chosen yet
   let pointed = "";
   const ring = () => model.get("ring") ?? [1, 1];
 
   /** @type {[string, string, (short: string, long: string) => Record<string, string>][]} */
   const acts = [
-    ["keep the ring", "Filter that leaves the waves in the ring", (short, long) => ({ op: "filter", lambda_s: short, lambda_c: long })],
-    ["take out shorter", "Filter that takes out what is shorter than the ring", (short) => ({ op: "filter", cutoff: short })],
-    ["take out longer", "Filter that takes out what is longer than the ring", (_, long) => ({ op: "filter", cutoff: long, band: "short" })],
+    ["keep ring", "Filter that leaves the waves in the ring", (short, long) => ({ op: "filter", lambda_s: short, lambda_c: long })],
+    ["remove ring", "Filter that takes out the waves in the ring and leaves all others", (short, long) => ({ op: "filter", lambda_s: short, lambda_c: long, band: "stop" })],
+    ["remove shorter", "Filter that takes out what is shorter than the ring", (short) => ({ op: "filter", cutoff: short })],
+    ["remove longer", "Filter that takes out what is longer than the ring", (_, long) => ({ op: "filter", cutoff: long, band: "short" })],
   ];
   for (const [name, title, step] of acts) {
     const button = /** @type {HTMLButtonElement} */ (make("button", "small"));
@@ -66,7 +67,10 @@ function render({ model, el, act, text }) {
     side = Math.max(60, Math.min(room.width - 20, room.height - 62));
     field.style.width = field.style.height = `${side}px`;
     canvas.width = canvas.height = Math.round(side * ratio);
-    scale = Math.max(box[2] - box[0], box[3] - box[1]) / side / zoom;
+    const widest = Math.max(box[2] - box[0], box[3] - box[1]);
+    if (!model.get("ring")) zoom = 0; // another file
+    if (!zoom) zoom = Math.max(1, Math.min(200, 0.32 * ring()[0] * widest)); // the ring fills the picture at first
+    scale = widest / side / zoom;
     [picture.height, picture.width] = shape;
     /** @type {CanvasRenderingContext2D} */ (picture.getContext("2d")).putImageData(painted(index, null, shape[1], shape[0], model.get("colours") ?? "viridis"), 0, 0);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
@@ -90,7 +94,7 @@ function render({ model, el, act, text }) {
 
   function tell() {
     const [peak, notes] = [model.get("peak"), model.get("notes") ?? []];
-    read.textContent = pointed || (peak && model.get("index") ? `strongest: λ ${si(peak.wavelength)} at ${degrees(peak.direction)}, amplitude ${si(model.get("amplitude"))}   ring ${si(ring()[0])} to ${si(ring()[1])}` : "");
+    read.textContent = pointed || (peak && model.get("index") ? `ring ${si(ring()[0], "m", 3)} to ${si(ring()[1], "m", 3)}   peak λ ${si(peak.wavelength, "m", 3)} at ${degrees(peak.direction)}: ${si(model.get("amplitude"), "m", 3)}` : "");
     read.classList.toggle("preview", Boolean(model.get("is_preview")));
     el.title = notes.join("; ");
   }
@@ -111,6 +115,7 @@ function render({ model, el, act, text }) {
     zoom = Math.max(1, Math.min(200, zoom * factor));
     draw();
   }
+  listenToPinch(canvas, (factor) => zoomed(1 / factor));
   canvas.tabIndex = 0;
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();

@@ -102,3 +102,39 @@ export function makeHandle(parent, { label, text = "", kind = "point", moved, st
 export function wheelFactor(event) {
   return Math.exp(Math.max(-0.5, Math.min(0.5, event.deltaY * 0.0015)));
 }
+
+/**
+ * Two fingers on a picture zoom it; until both are lifted nothing else hears of them.
+ * @param {HTMLElement} el
+ * @param {(factor: number, x: number, y: number) => void} zoomed as the wheel does; place in CSS pixels of the window
+ */
+export function listenToPinch(el, zoomed) {
+  /** @type {Map<number, [number, number]>} */
+  const held = new Map();
+  let [span, pinches] = [0, false];
+  el.addEventListener("pointerdown", (event) => {
+    if (event.pointerType !== "touch") return;
+    held.set(event.pointerId, [event.clientX, event.clientY]);
+    span = 0;
+    pinches ||= held.size > 1;
+    if (pinches) event.stopImmediatePropagation();
+  }, true);
+  el.addEventListener("pointermove", (event) => {
+    if (!held.has(event.pointerId)) return;
+    held.set(event.pointerId, [event.clientX, event.clientY]);
+    if (!pinches) return;
+    event.stopImmediatePropagation();
+    if (held.size !== 2) return;
+    const [[ax, ay], [bx, by]] = [...held.values()];
+    const now = Math.hypot(bx - ax, by - ay);
+    if (span > 0 && now > 0) zoomed(span / now, (ax + bx) / 2, (ay + by) / 2);
+    span = now;
+  }, true);
+  for (const end of ["pointerup", "pointercancel"]) {
+    el.addEventListener(end, (event) => {
+      held.delete(/** @type {PointerEvent} */ (event).pointerId);
+      span = 0;
+      if (!held.size) pinches = false;
+    }, true);
+  }
+}

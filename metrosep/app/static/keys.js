@@ -15,7 +15,7 @@ export const KEYS = [
   ["Del", "delete the chosen shape, or the corner that has the focus"],
   ["Ctrl+C Ctrl+V", "copy the chosen shape"],
   ["H", "hill-shade"],
-  ["V", "the map in three dimensions; arrows turn it, page keys change its height scale"],
+  ["V", "the map in three dimensions; arrows turn it, page keys change its height scale, square brackets the light"],
   ["Z", "undo; with Shift redo"],
   ["Alt+←→", "back and forward through what was looked at"],
   ["O", "open"],

@@ -8,7 +8,7 @@
 
 import { painted } from "./colours.js";
 import { si } from "./format.js";
-import { makeHandle, wheelFactor } from "./handles.js";
+import { listenToPinch, makeHandle, wheelFactor } from "./handles.js";
 import { typed } from "./wire.js";
 
 /** @typedef {import("./wire.js").Model} Model */
@@ -206,6 +206,10 @@ function render({ model, el }) {
     event.preventDefault();
     zoom(wheelFactor(event), ...at(event));
   }, { passive: false });
+  listenToPinch(canvas, (factor, x, y) => {
+    const box = canvas.getBoundingClientRect();
+    zoom(factor, x - box.left, y - box.top);
+  });
   canvas.addEventListener("pointerdown", (event) => {
     if (event.button !== 0 || !picture) return;
     canvas.setPointerCapture(event.pointerId);

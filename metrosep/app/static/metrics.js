@@ -2,6 +2,7 @@
 // Numbers with their uncertainty, limits and the verdict. What a preview cannot know is not shown:
 // means are grey with a sign for "about", extremes and the verdict wait for the full resolution.
 
+import { mendButtons } from "./mends.js";
 import { powers, scaleFor, si } from "./format.js";
 
 /** @typedef {Record<string, any>} Dict */
@@ -235,10 +236,11 @@ export function makeMetrics(el, verdictEl, edit) {
     word.className = "word";
     const none = !(session?.checks ?? []).length;
     const state = !found || found.is_preview ? null : VERDICTS[found.verdict];
-    if (none) word.textContent = "No limits set: click a metric";
+    if (none && !found?.mends?.length) word.textContent = "No limits set: click a metric";
     else if (found?.failed) word.textContent = "No verdict: a step failed";
     else if (found?.refused) {
       word.textContent = `No verdict: ${found.refused}`;
+      if (found.mends?.length) word.append(mendButtons(found.mends, edit));
       word.style.fontSize = "12px";
     }
     else if (state) {
@@ -246,7 +248,7 @@ export function makeMetrics(el, verdictEl, edit) {
       sign.textContent = state.sign;
       word.textContent = state.word;
     } else word.textContent = "… waits for the full resolution";
-    if (none) word.style.fontSize = "13px";
+    if (none && !found?.mends?.length) word.style.fontSize = "13px";
     verdictEl.replaceChildren(...(sign.textContent ? [sign] : []), word);
   }
 
@@ -266,7 +268,7 @@ export function makeMetrics(el, verdictEl, edit) {
     /** What is shown belongs to another recipe now. */
     stale() {
       if (!found) return;
-      found = { ...found, is_preview: true, verdict: null, checks: undefined, failed: undefined, refused: undefined,
+      found = { ...found, is_preview: true, verdict: null, checks: undefined, failed: undefined, refused: undefined, mends: undefined,
         rows: (found.rows ?? []).map((/** @type {Dict} */ row) => ({ ...row, waits: true, value: null })) };
       draw();
       drawVerdict();

@@ -56,8 +56,8 @@ function render({ model, el }) {
     canvas.height = Math.round(box.height * ratio);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, box.width, box.height);
-    const [cx, cy] = [box.width / 2, box.height / 2 + 10];
-    const r = 0.62 * Math.min(cx, box.height - cy);
+    const [cx, cy] = [box.width / 2, box.height / 2 + 16];
+    const r = 0.6 * Math.min(cx, box.height - cy);
     const about = rounds.map((one) => {
       const known = one.curve[1].map((/** @type {number | null} */ v, /** @type {number} */ i) => (v === null ? null : (v + one.curve[2][i]) / 2));
       const valid = known.filter((/** @type {number | null} */ v) => v !== null);

@@ -4,11 +4,13 @@
 
 import { colours } from "./colours.js";
 import { si } from "./format.js";
+import { listenToPinch } from "./handles.js";
 
 /** @typedef {Record<string, any>} Dict */
 
 const MISSING = -3e38;
 const SLOW_MS = 33;
+const LAMP = 130;
 const COMMON = `#version 300 es
 precision highp float; precision highp int;
 uniform highp sampler2D heights; uniform ivec2 size; uniform int stride; uniform mat3 turn; uniform vec4 view; uniform vec3 unit;
@@ -30,10 +32,10 @@ void main() {
   gl_Position = seen(place(vec2(p), height));
 }`;
 const PAINT = `#version 300 es
-precision highp float; in vec3 normal; in float height; uniform sampler2D table; uniform vec2 range; out vec4 colour;
+precision highp float; in vec3 normal; in float height; uniform sampler2D table; uniform vec2 range; uniform vec3 lamp; out vec4 colour;
 void main() {
   float t = clamp((height - range.x) / (range.y - range.x), 0.0, 1.0);
-  float light = 0.35 + 0.65 * max(0.0, dot(normalize(normal), normalize(vec3(-0.4, 0.5, 0.8))));
+  float light = 0.3 + 0.75 * (0.5 + 0.5 * dot(normalize(normal), lamp)); // half-Lambert: steep flanks stay readable
   colour = vec4(texture(table, vec2((1.0 + 254.0 * t + 0.5) / 256.0, 0.5)).rgb * light, 1.0);
 }`;
 const LINE = `${COMMON}
@@ -52,12 +54,13 @@ const WHITE = "#version 300 es\nprecision highp float; out vec4 colour; void mai
  * @param {object} options
  * @param {() => string} options.table name of the colours
  * @param {() => number[][]} options.lines ends of sections, [x0, y0, x1, y1] in m
+ * @param {(degrees: number) => void} [options.lit] told where the light comes from
  */
-export function makeRelief(el, { table, lines }) {
+export function makeRelief(el, { table, lines, lit = () => {} }) {
   const canvas = document.createElement("canvas");
   canvas.tabIndex = 0;
   canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", "Map in three dimensions. Drag or arrows turn it, the wheel or plus and minus zoom, page keys change the height scale, a double click resets.");
+  canvas.setAttribute("aria-label", "Map in three dimensions. Drag or arrows turn it, the wheel or plus and minus zoom, page keys change the height scale, square brackets turn the light, a double click resets.");
   const axes = document.createElement("canvas");
   axes.className = "relief-axes";
   const words = document.createElement("div");
@@ -71,6 +74,7 @@ export function makeRelief(el, { table, lines }) {
   /** @type {Dict | null} */
   let made = null;
   let [azimuth, elevation, zoom, stretch] = [-0.6, 0.75, 1, 1];
+  let lamp = LAMP; // direction of the light, degrees from the right of the screen
   let coarse = 1;
   let frames = 0;
   let waiting = 0;
@@ -152,6 +156,7 @@ export function makeRelief(el, { table, lines }) {
       if (one === made.surface) {
         gl.uniform1i(set("table"), 1);
         gl.uniform2f(set("range"), data.shown[0], data.shown[1]);
+        gl.uniform3f(set("lamp"), 0.62 * Math.cos((lamp * Math.PI) / 180), 0.62 * Math.sin((lamp * Math.PI) / 180), 0.785);
         gl.drawArrays(gl.TRIANGLES, 0, 6 * Math.floor((data.size[0] - 1) / stride) * Math.floor((data.size[1] - 1) / stride));
       } else {
         const pixel = (/** @type {number} */ v, /** @type {number} */ k) => (v - data?.origin[k % 2]) / data?.step[k % 2];
@@ -221,11 +226,24 @@ export function makeRelief(el, { table, lines }) {
     wish(true);
   }
 
-  const reset = () => (([azimuth, elevation, zoom, stretch] = [-0.6, 0.75, 1, 1]), wish());
+  function light(/** @type {number} */ degrees) {
+    lamp = ((degrees % 360) + 360) % 360;
+    lit(lamp);
+    wish(true);
+  }
+
+  const reset = () => (([azimuth, elevation, zoom, stretch] = [-0.6, 0.75, 1, 1]), light(LAMP));
   const grow = (/** @type {number} */ by) => ((zoom = Math.max(0.2, Math.min(30, zoom * by))), wish(true));
-  canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
+  listenToPinch(canvas, (factor) => grow(1 / factor));
+  let last = [0, 0]; // a finger has no movementX
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    last = [event.clientX, event.clientY];
+  });
   canvas.addEventListener("pointermove", (event) => {
-    if (canvas.hasPointerCapture(event.pointerId)) rotate(event.movementX * 0.01, event.movementY * 0.01);
+    if (!canvas.hasPointerCapture(event.pointerId)) return;
+    rotate((event.clientX - last[0]) * 0.01, (event.clientY - last[1]) * 0.01);
+    last = [event.clientX, event.clientY];
   });
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
@@ -238,6 +256,7 @@ export function makeRelief(el, { table, lines }) {
     const acts = /** @type {Record<string, () => void>} */ ({
       ArrowLeft: () => rotate(-n, 0), ArrowRight: () => rotate(n, 0), ArrowUp: () => rotate(0, n), ArrowDown: () => rotate(0, -n),
       "+": () => grow(1.25), "=": () => grow(1.25), "-": () => grow(0.8), Home: reset,
+      "[": () => light(lamp + 15), "]": () => light(lamp - 15),
       PageUp: () => ((stretch *= 1.25), wish(true)), PageDown: () => ((stretch *= 0.8), wish(true)),
     });
     if (!(event.key in acts)) return;
@@ -277,6 +296,22 @@ export function makeRelief(el, { table, lines }) {
       load();
       wish();
     },
-    picture: () => canvas,
+    light,
+    /** What is seen, with axes and words. */
+    picture() {
+      const made = document.createElement("canvas");
+      [made.width, made.height] = full;
+      const pen = /** @type {CanvasRenderingContext2D} */ (made.getContext("2d"));
+      const style = getComputedStyle(document.body);
+      pen.fillStyle = style.getPropertyValue("--panel");
+      pen.fillRect(0, 0, ...full);
+      pen.drawImage(canvas, 0, 0, ...full);
+      pen.drawImage(axes, 0, 0, ...full);
+      const ratio = window.devicePixelRatio || 1;
+      pen.fillStyle = style.getPropertyValue("--ink");
+      pen.font = `${12 * ratio}px system-ui, sans-serif`;
+      pen.fillText(words.textContent ?? "", 8 * ratio, full[1] - 8 * ratio);
+      return made;
+    },
   };
 }

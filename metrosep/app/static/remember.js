@@ -57,9 +57,15 @@ export function sectionOf(view, unit) {
   return /** @type {any} */ (kept.map((/** @type {number[]} */ end) => end.map((v) => (unit === "m" ? v / 1e3 : v))));
 }
 
-/** @param {number[] | null} band m @returns {Dict} */
-export const bandView = (band) => ({ band_mm: band ? band.map((v) => round(v * 1e3)) : null });
+/** @param {number[] | null} band m, or pixels @param {string} unit of the map @returns {Dict} */
+export function bandView(band, unit) {
+  const is = unit === "m";
+  const value = band ? band.map((v) => round(is ? v * 1e3 : v)) : null;
+  return { band_mm: is ? value : null, band_px: is ? null : value };
+}
 
-/** @param {Dict} view @returns {number[] | null} */
-export const bandOf = (view) => (isPair(view.band_mm) && view.band_mm[0] > 0 && view.band_mm[1] > view.band_mm[0]
-  ? view.band_mm.map((/** @type {number} */ v) => v / 1e3) : null);
+/** @param {Dict} view @param {string} unit @returns {number[] | null} */
+export function bandOf(view, unit) {
+  const kept = unit === "m" ? view.band_mm : view.band_px;
+  return isPair(kept) && kept[0] > 0 && kept[1] > kept[0] ? kept.map((/** @type {number} */ v) => (unit === "m" ? v / 1e3 : v)) : null;
+}

@@ -15,6 +15,7 @@ let decimals = 6;
 /** @param {number} pixel m: the finest step of the map; texts keep a thousandth of it */
 export function setPixel(pixel) {
   if (pixel > 0) decimals = Math.max(0, Math.min(12, Math.ceil(-Math.log10(pixel * 1e3)) + 3));
+  return pixel;
 }
 
 /** @param {any} text @returns {number} m, NaN where the page does not know the unit */

@@ -2,6 +2,7 @@
 // The steps: on and off, order, removal, addition, and the editor of the chosen one.
 
 import { makeEditor, strayKeys } from "./editor.js";
+import { mendButtons } from "./mends.js";
 import { freshStep, ownSize, reordered, storedSteps, summary, switched } from "./recipe.js";
 
 /** @typedef {Record<string, any>} Dict */
@@ -21,7 +22,7 @@ export function makeTree(el, { edit, choose, size }) {
   let schema = [];
   let chosen = -1;
   let seen = -1;
-  /** @type {{ index: number, message: string } | null} */
+  /** @type {{ index: number, message: string, mends?: Dict[] } | null} */
   let failed = null;
   /** @type {Map<number, string[]>} */
   let notes = new Map();
@@ -108,6 +109,7 @@ export function makeTree(el, { edit, choose, size }) {
       why.className = "why";
       why.textContent = fails ? failed?.message ?? "" : step.message;
       el_.append(why);
+      if (fails && failed?.mends?.length) el_.append(mendButtons(failed.mends, edit));
     }
     if (chosen === i) {
       const keys = schema.find((one) => one.op === step.op)?.keys ?? [];

@@ -60,7 +60,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
   const spectrum = makeModel({ band: null }, (changes) => {
     if ("band" in changes) {
       askSpectrum();
-      shown(bandView(spectrum.get("band")));
+      shown(bandView(spectrum.get("band"), unit()));
     }
   });
   const density = makeModel({});
@@ -83,6 +83,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
   const { ask: askRelief, paint: paintRelief } = makeReliefView({ wire, level, stage, kind, lines, epoch: () => epoch, refused, table: () => map.get("colours") });
 
   listenToParts(el("parts"));
+  const unit = () => (kind() === "map" ? map.get("unit") ?? "m" : "m");
 
   /** Errors of a picture are shown in it; the rest of the page goes on. */
   function refused(/** @type {unknown} */ error, /** @type {(text: string) => void} */ show) {
@@ -240,7 +241,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
   function beginBand(/** @type {Float64Array} */ wavelength) {
     const n = wavelength?.length ?? 0;
     if (n < 2) return;
-    const was = bandOf(kept);
+    const was = bandOf(kept, unit());
     if (was) {
       spectrum.put({ band: was });
       askSpectrum();
@@ -312,7 +313,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
         map.put(was.window ? { goto: was.window } : { fit: 1 });
         shown({ ...sectionView([was.a, was.b], map.get("unit") ?? "m"), colours: was.colours, hill_shade: was.shade });
       }
-      shown({ ...bandView(was.band), lower: was.lower });
+      shown({ ...bandView(was.band, unit()), lower: was.lower });
       this.show();
     },
     /** Another stage is shown: its heights have another range. */

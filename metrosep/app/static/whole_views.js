@@ -37,12 +37,14 @@ export function makeReliefView({ wire, level, stage, kind, epoch, refused, lines
       refused(error, (text) => (el("map-message").textContent = text));
     }
   }
+  const lamp = /** @type {HTMLInputElement} */ (el("relief-light"));
+  lamp.addEventListener("input", () => relief?.light(Number(lamp.value)));
   el("relief-on").addEventListener("click", () => {
     const on = el("relief").hidden;
     for (const id of ["map", "tools", "shapes"]) el(id).hidden = on || (id === "shapes" && !el(id).childElementCount);
-    el("relief").hidden = el("relief-save").hidden = !on;
+    el("relief").hidden = el("relief-save").hidden = el("relief-lamp").hidden = !on;
     el("relief-on").setAttribute("aria-pressed", String(on));
-    relief ??= makeRelief(el("relief"), { table, lines });
+    relief ??= makeRelief(el("relief"), { table, lines, lit: (degrees) => (lamp.value = String(degrees)) });
     askRelief();
   });
   el("relief-save").addEventListener("click", () => relief?.picture().toBlob((blob) => blob && download(blob, "map-3d.png")));

@@ -16,6 +16,7 @@ export class Refusal extends Error {
     super(error.message);
     this.code = error.code;
     this.ask = error.ask ?? null;
+    this.mends = error.mends ?? [];
     this.kind = kind;
   }
 }

@@ -1,0 +1,243 @@
+"""Lines of a gauge as they come, into a table that grows: from TCP, a serial port, or a program.
+
+What comes down a line is not trusted: it is text of numbers or it ends the recording with one
+sentence. The table holds the digits as they were sent, whole rows only, and at every moment it is a
+file that metrosep reads.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import select
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from metrosep.core.errors import DataError, ReadError, WriteError
+
+__all__ = ["LineTable", "open_line", "record"]
+
+LONGEST = 4096
+"""Bytes of a line: what has no line end by then is no text."""
+MOST_ROWS = 20_000_000
+_SPLIT = re.compile(r"[;,\t ]+")
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?|[nN][aA][nN]")
+_NAME = re.compile(r"[A-Za-z]\w{0,62}_[A-Za-z]\w*")
+_LOST = "overrun"
+"""Line of LinuxCNC's ``halsampler`` where its buffer was full and samples are gone."""
+_QUIET = 0.2
+"""Seconds between looks at a line that says nothing."""
+Chunks = Callable[[], bytes | None]
+"""Give what came, nothing (b"") after a moment of silence, None at the end."""
+
+
+@dataclass
+class LineTable:
+    """Rows of numbers out of bytes: lines ended by LF, CR or CR LF."""
+
+    names: Sequence[str]  # of columns, each with its unit: x_mm
+    source: str = "line"  # for messages
+    n_lines: int = 0  # that came
+    n_rows: int = 0  # that are numbers
+    _rest: bytes = field(default=b"", repr=False)
+
+    def __post_init__(self) -> None:
+        bad = next((n for n in self.names if not _NAME.fullmatch(n)), None)
+        if bad is not None or len(set(self.names)) < len(self.names) or not self.names:
+            raise DataError(
+                f"columns are names with their units, such as x_mm,z_um, each once; got {bad or list(self.names)!r}"
+            )
+
+    def feed(self, chunk: bytes) -> Iterator[str]:
+        """Give the rows that a piece of the line completes, as lines of CSV."""
+        *lines, self._rest = re.split(rb"\r\n|\n|\r(?!\Z)", self._rest + chunk)
+        for line in lines:
+            self.n_lines += 1
+            if line.strip():
+                yield self._row(line)
+        if len(self._rest) > LONGEST:
+            self.n_lines += 1
+            self._row(self._rest)
+
+    def finish(self) -> Iterator[str]:
+        """Give the last row where a carriage return ended it: the next byte may have been a line feed."""
+        if self._rest.endswith(b"\r"):
+            yield from self.feed(b"\n")
+
+    @property
+    def is_unfinished(self) -> bool:
+        """Whether a last line without its end was left behind."""
+        return bool(self._rest.strip())
+
+    def _row(self, line: bytes) -> str:
+        if len(line) > LONGEST:
+            raise self._error(
+                f"more than {LONGEST} bytes came without a line end; set the gauge to send each reading "
+                "as a line"
+            )
+        try:
+            text = line.decode("ascii").strip()
+        except UnicodeDecodeError:
+            text = "\0"
+        if not text.replace("\t", " ").isprintable():
+            raise self._error(
+                "holds bytes that are no text; check the baud rate, and that the gauge sends ASCII"
+            )
+        if text == _LOST:
+            raise self._error(
+                "the sampler lost samples here (overrun): sample more slowly, or fewer pins"
+            )
+        parts = _SPLIT.split(text)
+        wrong = next((p for p in parts if not _NUMBER.fullmatch(p)), None)
+        if wrong is not None:
+            raise self._error(f"{wrong[:40]!r} is not a number with a decimal point")
+        if len(parts) != len(self.names):
+            raise self._error(
+                f"holds {len(parts)} numbers, and {len(self.names)} columns are named "
+                f"({','.join(self.names)})"
+            )
+        if any(math.isinf(float(p)) for p in parts):
+            raise self._error("holds a number beyond what a file can hold")
+        if self.n_rows >= MOST_ROWS:
+            raise self._error(f"{MOST_ROWS} rows are recorded; begin another file")
+        self.n_rows += 1
+        return ",".join(parts)
+
+    def _error(self, words: str) -> DataError:
+        return DataError(f"{self.source}: line {self.n_lines}: {words}")
+
+
+def record(
+    chunks: Chunks,
+    table: LineTable,
+    file: Path,
+    *,
+    every: float = 3.0,
+    seconds: float | None = None,
+    tell: Callable[[int], None] = lambda n: None,
+) -> int:
+    """Write rows to a new file, some seconds' worth at a time, until the line ends; return how many.
+
+    What came before an error is in the file.
+    """
+    try:
+        with file.open("x", encoding="ascii", newline="\n") as out:
+            out.write(",".join(table.names) + "\n")
+            out.flush()
+            begin = last = time.monotonic()
+            waiting: list[str] = []
+
+            def keep() -> None:
+                if waiting:  # whole rows in one write
+                    out.write("\n".join(waiting) + "\n")
+                    out.flush()
+                    waiting.clear()
+                    tell(table.n_rows)
+
+            try:
+                while (chunk := chunks()) is not None:
+                    for row in table.feed(chunk):  # what comes before an error is kept
+                        waiting.append(row)  # noqa: PERF402
+                    now = time.monotonic()
+                    if now - last >= every:
+                        keep()
+                        last = now
+                    if seconds is not None and now - begin >= seconds:
+                        break
+                else:
+                    waiting.extend(table.finish())
+            finally:
+                keep()
+    except FileExistsError:
+        raise WriteError(f"{file}: is there already; name another file") from None
+    except OSError as exc:
+        if isinstance(exc, ReadError | WriteError):
+            raise
+        raise WriteError(f"{file}: cannot be written ({exc.strerror or exc})", exc) from None
+    return table.n_rows
+
+
+@contextmanager
+def open_line(text: str) -> Iterator[Chunks]:
+    """Open ``tcp://HOST:PORT``, ``serial:DEVICE:BAUD``, or ``-`` for standard input."""
+    tcp = re.fullmatch(r"tcp://(\[[0-9a-fA-F:]+\]|[^:/\s]+):(\d{1,5})", text)
+    serial = re.fullmatch(r"serial:(.+):(\d{2,7})", text)
+    if text == "-":
+        yield _of_descriptor(sys.stdin.fileno(), text)
+    elif tcp and 0 < int(tcp[2]) < 65536:
+        place = (tcp[1].strip("[]"), int(tcp[2]))
+        try:
+            line = socket.create_connection(place, timeout=10.0)
+        except OSError as exc:
+            raise ReadError(
+                f"{text}: nothing answers there ({exc.strerror or exc}); is the gauge on, and its port "
+                "right?"
+            ) from None
+        with line:
+            line.settimeout(_QUIET)
+            yield _chunks(lambda: line.recv(65536), text)
+    elif serial:
+        yield from _serial(serial[1], int(serial[2]), text)
+    else:
+        raise DataError(
+            f"{text}: is none of tcp://HOST:PORT, serial:DEVICE:BAUD, or - for standard input"
+        )
+
+
+def _of_descriptor(descriptor: int, name: str) -> Chunks:
+    def read() -> bytes:
+        if os.name != "nt" and not select.select([descriptor], [], [], _QUIET)[0]:
+            raise TimeoutError
+        return os.read(descriptor, 65536)
+
+    return _chunks(read, name)
+
+
+def _chunks(read: Callable[[], bytes], name: str) -> Chunks:
+    def chunks() -> bytes | None:
+        try:
+            return read() or None
+        except TimeoutError:
+            return b""
+        except OSError as exc:
+            raise ReadError(f"{name}: the line broke off ({exc.strerror or exc})") from None
+
+    return chunks
+
+
+def _serial(device: str, baud: int, text: str) -> Iterator[Chunks]:
+    """Open a serial port: 8 bits, no parity, one stop bit, no echo."""
+    try:
+        import termios
+        import tty
+    except ImportError:
+        raise ReadError(
+            f"{text}: this system opens no serial port; let a terminal program send it by TCP"
+        ) from None
+    speed = getattr(termios, f"B{baud}", None)
+    if speed is None:
+        raise DataError(
+            f"{text}: {baud} is not a baud rate of this system, such as 9600 or 115200"
+        )
+    try:
+        descriptor = os.open(device, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError as exc:
+        raise ReadError(f"{text}: cannot be opened ({exc.strerror})") from None
+    try:
+        if not os.isatty(descriptor):
+            raise ReadError(f"{text}: is not a serial port")
+        tty.setraw(descriptor)
+        made = termios.tcgetattr(descriptor)
+        made[2] = (made[2] & ~(termios.PARENB | termios.CSTOPB)) | termios.CS8 | termios.CLOCAL
+        made[4] = made[5] = speed
+        termios.tcsetattr(descriptor, termios.TCSANOW, made)
+        os.set_blocking(descriptor, True)
+        yield _of_descriptor(descriptor, text)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,120 @@
+"""A gauge that sends lines by TCP or a serial port: what it sent stands in the file, digit for digit."""
+
+import os
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+from metrosep.core.errors import DataError, ReadError, WriteError
+from metrosep.io.live import LONGEST, LineTable, open_line, record
+
+
+def gauge(pieces, pause=0.0):
+    """Send bytes to the first who calls; return the address."""
+    server = socket.create_server(("127.0.0.1", 0))
+
+    def work():
+        with server, server.accept()[0] as line:
+            for piece in pieces:
+                line.sendall(piece)
+                time.sleep(pause)
+
+    threading.Thread(target=work, daemon=True).start()
+    return f"tcp://127.0.0.1:{server.getsockname()[1]}"
+
+
+def recorded(pieces, file, names=("x_mm", "z_um"), **more):
+    table = LineTable(names, "gauge")
+    with open_line(gauge(pieces, more.pop("pause", 0.0))) as chunks:
+        record(chunks, table, file, **more)
+    return table
+
+
+def test_what_a_gauge_sends_in_pieces_is_read_with_its_sign_and_place(tmp_path):
+    x = np.arange(400) * 0.25
+    z = 3.0 * np.sin(x / 7.0) + 0.01 * x
+    sent = b"".join(f"{a:.2f},{b:+.5f}\r\n".encode() for a, b in zip(x, z, strict=True))
+    pieces = [sent[i : i + 97] for i in range(0, len(sent), 97)]  # lines are cut anywhere
+    table = recorded(pieces, tmp_path / "run.csv")
+    assert table.n_rows == 400
+    assert not table.is_unfinished
+    found = ms.read(tmp_path / "run.csv", x="x_mm", z="z_um")
+    assert np.abs(found.x - 1e-3 * np.round(x, 2)).max() < 1e-12
+    assert np.abs(found.z - 1e-6 * np.round(z, 5)).max() < 1e-16
+    assert found.z[11] > 0 > found.z[110]
+
+
+def test_the_file_is_whole_rows_while_it_grows(tmp_path):
+    file = tmp_path / "run.csv"
+    pieces = [b"1,0.5\n2,", b"0.6\n3,0.", b"7\n4,0.8\n5,9"]
+    told = []
+    recorded(
+        pieces, file, pause=0.05, every=0.02, tell=lambda n: told.append((n, file.read_text()))
+    )
+    assert len(told) >= 2
+    for n, text in told:
+        assert text.splitlines() == ["x_mm,z_um", "1,0.5", "2,0.6", "3,0.7", "4,0.8"][: n + 1]
+        assert text.endswith("\n")
+    assert file.read_text().endswith(
+        "4,0.8\n"
+    )  # the last line had no end: it may be half a number
+
+
+@pytest.mark.parametrize(
+    ("sent", "words"),
+    [
+        (b"2,oops\n", "line 2: 'oops' is not a number"),
+        (b"2,3,4\n", "line 2: holds 3 numbers, and 2 columns are named"),
+        (b"2\n", "line 2: holds 1 numbers"),
+        (b"2,\xff\xfe\n", "line 2: holds bytes that are no text; check the baud rate"),
+        (b"2,\x1b[2J\n", "line 2: holds bytes that are no text"),
+        (b"2,1e999\n", "line 2: holds a number beyond"),
+        (b"2,inf\n", "line 2: 'inf' is not a number"),
+        (b"overrun\n", "line 2: the sampler lost samples here"),
+        (b"=cmd|' /C calc'!A0,1\n", "line 2: \"=cmd|'\" is not a number"),
+        (b"9" * (LONGEST + 1), "line 2: more than 4096 bytes came without a line end"),
+        (b"9" * 9000 + b"\n", "line 2: more than 4096 bytes came without a line end"),
+    ],
+)  # fmt: skip
+def test_what_is_no_reading_ends_it_with_a_sentence_and_loses_nothing(tmp_path, sent, words):
+    with pytest.raises(DataError) as told:
+        recorded([b"1,0.5\n" + sent + b"3,0.7\n"], tmp_path / "run.csv")
+    assert words in str(told.value)
+    assert "\n" not in str(told.value)
+    assert (tmp_path / "run.csv").read_text() == "x_mm,z_um\n1,0.5\n"
+
+
+def test_places_that_are_no_line(tmp_path):
+    for text, words in (
+        ("tcp://127.0.0.1:1", "nothing answers there"),
+        ("tcp://127.0.0.1:99999", "is none of"),
+        ("http://127.0.0.1:80", "is none of"),
+        ("serial:/dev/null:9600", "is not a serial port"),
+        ("serial:/dev/null:12345", "is not a baud rate"),
+        (f"serial:{tmp_path / 'no'}:9600", "cannot be opened"),
+    ):
+        with pytest.raises((DataError, ReadError), match=words), open_line(text):
+            pass
+    (tmp_path / "there.csv").write_text("mine")
+    with pytest.raises(WriteError, match="is there already"):
+        recorded([b"1,2\n"], tmp_path / "there.csv")
+    assert (tmp_path / "there.csv").read_text() == "mine"
+    with pytest.raises(DataError, match="with their units"):
+        LineTable(["x", "z_um"])
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="this system has no pseudo terminals")
+def test_a_serial_port(tmp_path):
+    ours, theirs = os.openpty()
+    table = LineTable(["t_s", "z_um"], "serial")
+    with open_line(f"serial:{os.ttyname(theirs)}:9600") as chunks:
+        os.write(ours, b"0.0\t-1.25\r0.1\t2.5\r0.2\t7\r")  # ends of lines that are CR alone
+        record(chunks, table, tmp_path / "run.csv", seconds=0.5, every=0.1)
+    os.close(ours)
+    os.close(theirs)
+    lines = (tmp_path / "run.csv").read_text().splitlines()
+    assert lines == ["t_s,z_um", "0.0,-1.25", "0.1,2.5"]  # the last CR may be half of CR LF
