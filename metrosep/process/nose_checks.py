@@ -183,6 +183,7 @@ def gouge_check(
     bad = int(np.count_nonzero(share[known] >= 1.0))
     coarse = step > 0.25 * length
     left = 0.0
+    place: list[float] = []
     if bad:
         shape = n_rho, n_theta
         mesh = rho.reshape(shape), theta.reshape(shape), share.reshape(shape)
@@ -209,6 +210,8 @@ def gouge_check(
             "along the cut, may not be seen"
         )
     audit = {**_audit(form, nose, (inner, outer), n_rho, n_theta), "step_um": step * 1e6}
+    if place:
+        audit |= {"left_at_rho_um": place[0] * 1e6, "left_at_azimuth_deg": math.degrees(place[1])}
     return NoseCheck(
         not (bad or coarse), worst, nose.tip_radius, "m", where, float(theta[at]), bad, tuple(said),
         audit, left, step,
