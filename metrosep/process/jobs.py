@@ -16,7 +16,7 @@ import numpy as np
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import described_by
-from metrosep.core.errors import DataError, LimitError
+from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
@@ -29,9 +29,9 @@ from metrosep.process.cutting.course_errors import course_error, lead_in_dip, on
 from metrosep.process.cutting.edge_errors import Servo
 from metrosep.process.cutting.motion import AxisLimits, AxisMotion, axis_motion
 from metrosep.process.cutting.programs import TurningProgram
-from metrosep.process.cutting.servos import contact_path
+from metrosep.process.cutting.servos import contact_path, tips_at
 from metrosep.process.feedforward import corrected_path, left_over
-from metrosep.process.interpolation import Interpolation, knot_slopes
+from metrosep.process.interpolation import Interpolation, arc_length, knot_slopes
 from metrosep.process.machining_times import MachiningTime, machining_time
 from metrosep.process.nose import RoundNose
 from metrosep.process.nose_checks import gouge_check
@@ -54,6 +54,8 @@ from metrosep.process.tool_settings import ToolSetting
 __all__ = ["JobPlan", "TurningJob"]
 
 _LEAD_IN = 3
+_AZIMUTHS = 720
+"""Of the rim at which a job looks how far out the tip must begin."""
 _PARTS = 10
 """Moments within a block at which a plan or a prediction looks."""
 _MOST_COUNTS, _NEARLY = 14, 0.98
@@ -203,7 +205,8 @@ class TurningJob:
         step: float,
         distribution: Distribution = "CA",
         interpolation: Interpolation = "spline",
-        lead_in: int = _LEAD_IN,
+        lead_in: int | None = None,
+        servo: Servo = "Z",
         **options: Any,
     ) -> SpiralPath:
         """Return a path with a step that is given.
@@ -217,7 +220,10 @@ class TurningJob:
         interpolation : {"linear", "spline"}, optional
             What the controller does.
         lead_in : int, optional
-            Points before the rim.
+            Points before the rim; by default as many as a nose needs to cut the part up to its rim, see
+            `before_the_rim`, and 3 without one.
+        servo : {"Z", "XZ"}, optional
+            What will follow the surface, as of `program`.
         **options : object
             Of `SpiralPath`.
 
@@ -238,7 +244,64 @@ class TurningJob:
         checked_options(options, taken=_OF_THE_JOB)
         words: Any = {"distribution": distribution, "interpolation": interpolation, **options}
         own: Any = {"core": self.core, "sense": self._way}
-        return SpiralPath(self.radius, self.feed, step=step, lead_in=lead_in, **own, **words)
+        made = SpiralPath(self.radius, self.feed, step=step, lead_in=lead_in or 0, **own, **words)
+        return made if lead_in is not None else self._led_in(made, servo)
+
+    def before_the_rim(self, servo: Servo = "Z") -> float:
+        """Return how far outside the rim the tip must begin, so that the part is cut up to its rim.
+
+        Parameters
+        ----------
+        servo : {"Z", "XZ"}, optional
+            What follows the surface, as of `program`.
+
+        Returns
+        -------
+        float, m
+            What the contact of the nose lies inside the tip at the rim, at the azimuth where that is most,
+            and one feed and a half: for the first turn, and so that it decides no place of the part; 0
+            without a nose.
+
+        Raises
+        ------
+        InvalidSamplesError
+            If the form has no height at the rim.
+
+        Examples
+        --------
+        >>> from metrosep.forms import Sphere
+        >>> job = TurningJob(Sphere(R=-35e-3), 8e-3, 10e-6, rpm=60, nose=RoundNose(0.6e-3))
+        >>> round(job.before_the_rim() * 1e6, 2)  # 0.6 mm times 8/35, and 15 um
+        152.14
+        """
+        numbers.choice(servo, "servo", get_args(Servo))
+        if self.nose is None:
+            return 0.0
+        turns = 1.5 * self.feed
+        if servo == "XZ":  # the contacts are on the spiral
+            return turns
+        edge = Edge.of(self.nose, self._way)
+        turn = np.linspace(0.0, 2.0 * math.pi, _AZIMUTHS, endpoint=False)
+        starts, _, z = tips_at(self.form, np.full(turn.size, self.radius), turn, edge)
+        if np.isnan(z).all():
+            raise InvalidSamplesError(
+                f"the {self.form.name} has no height at the rim, {format_length(self.radius)} from the "
+                "spindle axis: take a smaller radius, or give a form that reaches there"
+            )
+        return max(0.0, float(np.nanmax(starts)) - self.radius) + turns
+
+    def _led_in(self, spiral: SpiralPath, servo: Servo) -> SpiralPath:
+        """Return the path with the points before the rim that the nose, and the end of a spline, need."""
+        points = 0.0
+        if self.nose is not None:
+            turns = self.before_the_rim(servo) / self.feed
+            if spiral.distribution == "CA":
+                points = turns * 2.0 * math.pi / spiral.step
+            else:
+                ends = [2.0 * math.pi * (spiral.turns + k) for k in (turns, 0.0)]
+                out, rim = (float(arc_length(u, self.feed)) for u in ends)
+                points = (out - rim) / spiral.step
+        return spiral.with_options(lead_in=_LEAD_IN + math.ceil(points))
 
     @described_by(points_for_tolerance, errors=False)
     def plan(
@@ -248,7 +311,7 @@ class TurningJob:
         distribution: Distribution = "CA",
         interpolation: Interpolation = "spline",
         annulus: tuple[float | None, float | None] | None = None,
-        lead_in: int = _LEAD_IN,
+        lead_in: int | None = None,
         servo: Servo = "Z",
         limits: Mapping[str, AxisLimits] | None = None,
         **options: Any,
@@ -260,7 +323,7 @@ class TurningJob:
         annulus : tuple of (float or None, float or None), m, optional
             Region that counts; the whole part if omitted.
         lead_in : int, optional
-            Points before the rim, so that the free end of the spline is not on the part.
+            Points before the rim, so that the free end of the spline is not on the part; by default as of `path`.
         servo : {"Z", "XZ"}, optional
             What follows the surface, as of `program`: with "XZ" the error is that of X, azimuth and Z together.
         limits : mapping of str to AxisLimits, optional
@@ -285,7 +348,8 @@ class TurningJob:
         tolerance = length(tolerance, "tolerance")
         options |= {"distribution": distribution, "interpolation": interpolation}
         found = points_for_tolerance(
-            self.form, self.radius, self.feed, tolerance, annulus=annulus, lead_in=lead_in,
+            self.form, self.radius, self.feed, tolerance, annulus=annulus,
+            lead_in=_LEAD_IN if lead_in is None else lead_in,
             core=self.core, sense=self._way, **options,
         )  # fmt: skip
         if servo == "XZ":
@@ -294,7 +358,8 @@ class TurningJob:
             if servo == "XZ" and options.get("azimuth") is not None:
                 raise DataError('with servo "XZ" a plan is over an area: leave azimuth out')
             region = {"annulus": annulus, "azimuth": options.get("azimuth")}
-            found = self._on_the_cut(found, tolerance, servo, region, options)
+            free = lead_in is None
+            found = self._on_the_cut(found, tolerance, servo, region, options, free=free)
         motion = None
         if limits is not None:
             program = self.program(found.path, servo=servo, cut_points=self.nose is None)
@@ -314,6 +379,8 @@ class TurningJob:
         servo: Servo,
         region: Mapping[str, Any],
         options: Mapping[str, Any],
+        *,
+        free: bool,
     ) -> PointPlan:
         """Return the plan whose count holds on the surface that the nose cuts, sought from one for cut points."""
         assert self.nose is not None  # noqa: S101  # a plan on the cut is one of a nose
@@ -326,7 +393,8 @@ class TurningJob:
         # over: the largest that fails; under: the smallest that holds
         n, over, under = start.n_points, 0, 0
         for _ in range(_MOST_COUNTS):
-            path = self._error_map(self._counted(start.path, n), servo, parts)
+            spiral = self._counted(start.path, n)
+            path = self._error_map(self._led_in(spiral, servo) if free else spiral, servo, parts)
             made = on_the_cut(path, self.form, edge, servo, tolerance)
             error = made.peak_to_valley(**region)
             dip = lead_in_dip(
@@ -369,8 +437,9 @@ class TurningJob:
                 "; the blocks before the rim ask for this count, as the nose touches the part from there: with more "
                 "lead_in the free end lies further out, and fewer points a turn may do"
             )
+        spiral = self._counted(start.path, under)
         return PointPlan(
-            under, self._counted(start.path, under), tried[under], tolerance, counts,
+            under, self._led_in(spiral, servo) if free else spiral, tried[under], tolerance, counts,
             np.array([tried[k] for k in counts.tolist()]), max(above, default=0.0) <= tolerance,
             (*start.path.messages, said),
         )  # fmt: skip
@@ -585,6 +654,10 @@ class TurningJob:
             # the contacts wander by no closed form: the velocities of the C2 spline, right to h^4
             velocities = np.stack([knot_slopes(t, v) for v in (X, azimuth, Z)])
         audit = {"n_points": int(X.size), "servo": servo, **self._tool()}
+        if servo == "Z":
+            turn = slice(0, int(np.count_nonzero(X[0] - X <= 1.01 * self.feed)))
+            begins = tips(self.form, X[turn], azimuth[turn], edge, strict=False)
+            said = (*said, *self._rim_said(X[turn], begins.rho))
         return TurningProgram(
             frozen(X), frozen(azimuth), frozen(Z), t, "tip", spiral.interpolation,
             None if velocities is None else frozen(velocities), None, spiral.lead_in, {},
@@ -617,6 +690,24 @@ class TurningJob:
         theta -= theta[0]
         theta /= speed
         return X, azimuth, frozen(theta), speed
+
+    def _rim_said(self, X: FloatArray, contacts: FloatArray) -> list[str]:
+        """Return what is to be said of a beginning whose contacts at tips are known, a turn or more of them."""
+        first = self.feed + 1e-9 * self.radius
+        starts = float(np.nanmin(contacts[X[0] - X <= first]))
+        said = []
+        if starts < self.radius - first:
+            said.append(
+                f"the first turn touches the part at rho = {format_length(starts)} only: outside it nothing is "
+                f"cut up to the rim at {format_length(self.radius)}; leave lead_in out, or give the path "
+                f"{format_length(self.before_the_rim())} before the rim"
+            )
+        elif X[0] > self.radius + first:
+            said.append(
+                f"the tip begins {format_length(float(X[0]) - self.radius)} outside the rim, so that the nose cuts "
+                "the part up to it: the machine must reach there"
+            )
+        return said
 
     def _rates(self, spiral: SpiralPath, speed: float, slopes: FloatArray) -> FloatArray:
         """Return velocities of X, azimuth and Z by dZ/dX and dZ/dphi of the tip, equation (6)."""
@@ -781,14 +872,7 @@ class TurningJob:
         edge = nominal if tool is None else Edge.of(nose, self.sense, tool)
         made = tips(self.form, points.rho, points.azimuth, edge, strict=True)
         said = [*fits.messages, *made.messages]
-        on_part = points.rho <= self.radius
-        starts = float(made.rho[on_part][0])
-        if starts < self.radius - self.feed:
-            said.append(
-                f"the first tip on the path touches the part at rho = {format_length(starts)} only: "
-                f"outside it nothing is cut; begin {format_length(self.radius - starts)} further out, "
-                "with a larger radius"
-            )
+        said += self._rim_said(points.rho, made.rho)
         turn = edge.by_azimuth(points.rho, made.psi, made.along_x, made.along_y)
         slopes = np.stack([made.along_x, turn])
         if tool is None:

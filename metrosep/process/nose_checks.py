@@ -183,9 +183,10 @@ def gouge_check(
     bad = int(np.count_nonzero(share[known] >= 1.0))
     coarse = step > 0.25 * length
     left = 0.0
+    place: list[float] = []
     if bad:
         shape = n_rho, n_theta
-        mesh = tuple(v.reshape(shape) for v in (rho, theta, share))
+        mesh = rho.reshape(shape), theta.reshape(shape), share.reshape(shape)
         left, *place = _left(form, nose, mesh, step)
         size = format_length(worst) if resolved else "0 (a kink)"
         first = (
@@ -209,6 +210,8 @@ def gouge_check(
             "along the cut, may not be seen"
         )
     audit = {**_audit(form, nose, (inner, outer), n_rho, n_theta), "step_um": step * 1e6}
+    if place:
+        audit |= {"left_at_rho_um": place[0] * 1e6, "left_at_azimuth_deg": math.degrees(place[1])}
     return NoseCheck(
         not (bad or coarse), worst, nose.tip_radius, "m", where, float(theta[at]), bad, tuple(said),
         audit, left, step,
@@ -335,6 +338,8 @@ def _bridged(form: Form, edge: Edge, rho: FloatArray, theta: FloatArray) -> Floa
     low, high = rho - x - edge.radius, rho - x + edge.radius
     shares = np.linspace(0.0, 1.0, _TIPS)
     row, step = np.arange(rho.size), edge.radius / _PER_RADIUS
+    k, lost, best = row, row < 0, np.zeros((3, rho.size))
+    X, made = low[:, None], None
     for level in range(_LEVELS):
         X = low[:, None] + np.outer(high - low, shares)
         made = tips(form, X.ravel(), np.repeat(phi, _TIPS), edge, strict=False, step=step)
@@ -342,10 +347,13 @@ def _bridged(form: Form, edge: Edge, rho: FloatArray, theta: FloatArray) -> Floa
         if level:
             jump = np.diff(touched, axis=1)
         else:
-            jump = np.where((touched[:, :-1] < rho[:, None]) & (touched[:, 1:] > rho[:, None]), 1.0, 0.0)
+            jump = np.where(
+                (touched[:, :-1] < rho[:, None]) & (touched[:, 1:] > rho[:, None]), 1.0, 0.0
+            )
         k = np.argmax(np.where(np.isnan(jump), 0.0, jump), axis=1)
         lost = ~(jump[row, k] > 0.0)
         low, high = X[row, k], X[row, k + 1]
+    assert made is not None  # noqa: S101  # there is a level
     z, rise, psi = (v.reshape(X.shape) for v in (made.z, made.along_x, made.psi))
     (za, zb), (sa, sb) = ((v[row, k], v[row, k + 1]) for v in (z, rise))
     with np.errstate(invalid="ignore", divide="ignore"):

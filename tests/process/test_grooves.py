@@ -74,7 +74,9 @@ def lowest_tips(g, way, X, phi, reach, n):
         step = (high - low) / (count - 1)
         at = low + k * step
         low, high = at - 1.5 * step, at + 1.5 * step
-    before, top, after = (np.take_along_axis(F, (k + j)[..., None], -1)[..., 0] for j in (-1, 0, 1))
+    before, top, after = (
+        np.take_along_axis(F, (k + j)[..., None], -1)[..., 0] for j in (-1, 0, 1)
+    )
     bend = 2 * top - before - after
     return top + np.where(bend > 0, (after - before) ** 2 / np.where(bend > 0, 8 * bend, 1.0), 0.0)
 
@@ -100,11 +102,13 @@ def stays(g, way, rho, theta, n=110, levels=5):
 
 def greatest(g, way):
     """The most that stays anywhere in the groove, m: grids of places, each closer about the best."""
-    spread = {"ring": np.pi, "straight": 0.2, "trench": g["long"] / g["at"]}[g["kind"]]
+    spread = {"ring": np.pi, "straight": 0.2, "trench": min(0.5, g["long"] / g["at"])}[g["kind"]]
     middle, size = np.array([g["at"], g["turn"]]), np.array([1.2 * g["sigma"], spread])
     counts = (7, 21) if g["kind"] == "ring" else (9, 7)
     for zoom in range(6):
-        grid = [m + s * np.linspace(-1, 1, n) for m, s, n in zip(middle, size, counts, strict=True)]
+        grid = [
+            m + s * np.linspace(-1, 1, n) for m, s, n in zip(middle, size, counts, strict=True)
+        ]
         u, t = (a.ravel() for a in np.meshgrid(*grid, indexing="ij"))
         # along the groove, however it lies
         rho = u if g["kind"] == "ring" else u / np.cos(t - g["turn"])
@@ -117,34 +121,47 @@ def greatest(g, way):
 
 
 def compared(g):
-    """Return what stays, by the truth and by the check, and whether the nose fits by the check."""
-    true = max(greatest(g, way) for way in ((1, -1) if g["rake"] else (1,)))
+    """Return the most that stays by the truth, by the check, by the truth where the check says, and if it fits."""
+    ways = (1, -1) if g["rake"] else (1,)
     region = (max(g["at"] - 4 * g["sigma"], 1e-4), g["at"] + 4 * g["sigma"])
     found = gouge_check(Expression(formula(g)), RoundNose(g["R"], g["rake"]), region=region)
-    return true, found.left, found.ok
+    there = 0.0
+    if not found.ok:
+        at = np.array([found.audit["left_at_rho_um"] * 1e-6])
+        turn = np.radians([found.audit["left_at_azimuth_deg"]])
+        there = max(float(stays(g, way, at, turn, n=330, levels=8)[0]) for way in ways)
+    return max(greatest(g, way) for way in ways), found.left, there, found.ok
 
 
-def assert_as_rolled(g, gouges):
-    true, left, ok = compared(g)
+def is_right(g, true, left, there, ok):
     if ok:
-        assert left == 0.0 and true < 1e-3 * NM, g  # missed
-    else:
-        assert true > 1e-6 * NM, g  # false
-        assert left == pytest.approx(true, rel=5e-3, abs=0.1 * NM), g
-        gouges.append(g)
+        return left == 0.0 and true < 1e-3 * NM  # else missed
+    close = max(5e-3 * true, 0.1 * NM)
+    # not false; as high as the truth is there, and nowhere higher
+    return max(true, there) > 1e-6 * NM and abs(left - there) < close and true < left + close
 
 
 def test_grooves_are_judged_as_an_edge_rolls_over_them():
     gouges, made = [], grooves(4)
     drawn = [next(made) for _ in range(8)]
-    for g in (drawn[5], drawn[6]):  # one that is just too narrow for a raked nose, and one that is not
-        assert_as_rolled(g, gouges)
-    assert len(gouges) == 1
+    for g in (
+        drawn[5],
+        drawn[6],
+    ):  # one that is just too narrow for a raked nose, and one that is not
+        found = compared(g)
+        assert is_right(g, *found), (g, found)
+        gouges.append(found[-1])
+    assert gouges == [False, True]
 
 
 @pytest.mark.slow
 def test_no_gouge_of_a_thousand_is_missed_and_what_stays_is_that_of_the_rolled_edge():
-    gouges, made = [], grooves(2)
+    made, wrong, fits = grooves(2), [], 0
     for _ in range(1000):
-        assert_as_rolled(next(made), gouges)
-    assert len(gouges) > 300
+        g = next(made)
+        found = compared(g)
+        fits += found[-1]
+        if not is_right(g, *found):
+            wrong.append((g, found))
+    assert not wrong
+    assert 300 < fits < 700

@@ -580,7 +580,9 @@ def test_a_nose_that_the_surface_does_not_let_in_makes_no_program():
     grooved = Expression("-8e-7*exp(-(r-2.95e-3)**2/(2*(6e-6)**2))")  # 45 um at the bottom
     job = TurningJob(grooved, 3e-3, 4e-6, rpm=60, core=2.9e-3, nose=RoundNose(0.1e-3))
     path = job.path(step=0.5)
-    with pytest.raises(LimitError, match=r"gouges: .* concave radius 45 um .* leaves 152\.2 nm"):
+    with pytest.raises(
+        LimitError, match=r"gouges: .* concave radius 45 um .* leaves up to 152\.1 nm"
+    ):
         job.compensated(path)
     assert any("not in the budget: the nose gouges" in m for m in job.predict(path).messages)
 
@@ -598,9 +600,13 @@ def test_a_nose_with_rake_needs_the_way_of_the_tool():
 
 def test_a_dome_whose_rim_the_nose_misses_is_said():
     dome = TurningJob(Sphere(R=-20e-3), 3e-3, 4e-6, rpm=60, core=2.9e-3, nose=RoundNose(0.6e-3))
-    program = dome.compensated(dome.path(step=0.5))
-    # the contact lies R sin(psi) nearer to the axis: 3 mm (1 - 0.6 / 20.6)
-    assert any("touches the part at rho = 2.913 mm only" in m for m in program.messages)
+    # the contact lies R sin(psi) nearer to the axis: 20 / 20.6 times X, at the end of the first turn
+    late = dome.compensated(dome.path(step=0.5, lead_in=3))
+    assert any("touches the part at rho = 2.91 mm only" in m for m in late.messages)
+    assert dome.before_the_rim() == pytest.approx(3e-3 * 0.6 / 20 + 6e-6, rel=1e-9)
+    whole = dome.compensated(dome.path(step=0.5))
+    assert any("the tip begins 97.08 um outside the rim" in m for m in whole.messages)
+    assert not any("nothing is cut" in m for m in whole.messages)
 
 
 def test_a_plan_for_a_nose_holds_its_tolerance_on_the_tip_path():

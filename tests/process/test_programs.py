@@ -442,6 +442,45 @@ def test_turns_that_cut_away_what_their_neighbours_leave_save_points():
     assert job.predict(plan).budget.contributions[0].pv > 1.1 * tolerance
 
 
+@pytest.mark.parametrize("servo", ["Z", "XZ"])
+@pytest.mark.parametrize(
+    ("text", "ring"), [("-14*x**2-9*y**2+0.02*x", 50), ("6*x**2+9*y**2", 0)], ids=["dome", "bowl"]
+)
+def test_the_part_is_cut_up_to_its_rim(tmp_path, servo, text, ring):
+    """The bytes are split by hand and cut by an envelope of the test, up to the rim at every azimuth."""
+    form, feed, nose = Expression(text), 6e-6, RoundNose(SMALL)
+    job = TurningJob(form, 1.2e-3, feed, rpm=60, core=1.14e-3, nose=nose, sense="clockwise")
+    axes = LatheAxes(
+        "workpiece ccw", inverse_time="1/min", x_decimals=9, c_decimals=8, z_decimals=10,
+        spline_word="CSPLINE",
+    )  # fmt: skip
+    rng = np.random.default_rng(1)
+    rho, theta = rng.uniform(1.18e-3, 1.2e-3, 3000), rng.uniform(-np.pi, np.pi, 3000)
+    rho[:500] = 1.2e-3
+    left = {}
+    for lead_in in (None, 3):
+        program = job.program(
+            job.path(step=np.radians(3), lead_in=lead_in, servo=servo), servo=servo
+        )
+        file = tmp_path / f"{lead_in}.nc"
+        write_program(program, file, axes, nose=nose, form=form, verify=False)
+        X, azimuth, Z = course_of(file)
+        dense = np.linspace(azimuth[0], azimuth[-1], 40 * X.size)
+        course = CubicSpline(-azimuth, X)(-dense), dense, CubicSpline(-azimuth, Z)(-dense)
+        left[lead_in] = envelope(*course, rho, theta) - form(
+            rho * np.cos(theta), rho * np.sin(theta)
+        )
+    cusp = feed**2 / (8 * SMALL)
+    assert left[None].min() > -0.1 * NM
+    assert left[None].max() < 1.02 * cusp
+    # with three points before it: at the rim a turn is missing on its outer side
+    if ring or servo == "XZ":  # the nose reaches the rim of a bowl from inside
+        assert left[3].max() > max(ring * NM, 2 * cusp)
+    if servo == "Z":
+        said = " ".join(job.program(job.path(step=np.radians(3), lead_in=3)).messages)
+        assert ("outside it nothing is cut" in said) == bool(ring)
+
+
 RIPPLES = Expression("5*x**2+8*y**2+4e-7*sin(2*pi*y/1.5e-4)")
 
 

@@ -689,6 +689,9 @@ class _Course:
     ) -> None:
         self._program = program
         self._planned = planned if planned is not None and len(planned) == len(program) else None
+        # a list whose C is wrapped begins within one turn, wherever the plan does
+        turn, apart = 2.0 * math.pi, program.azimuth[0] - (planned or program).azimuth[0]
+        self._whole = turn * round(float(apart) / turn)
         self.difference = 0.0
         # along the turns as dense as they are across; even, for a point is wrong where it is, and lines are
         # furthest off in the middle of a block
@@ -721,7 +724,7 @@ class _Course:
                     getattr(self._program, n)[at] - getattr(self._planned, n)[at]
                     for n in ("X", "azimuth", "Z")
                 )
-                off = eZ - piece.along_x * eX - piece.by_azimuth * ea
+                off = eZ - piece.along_x * eX - piece.by_azimuth * (ea - self._whole)
                 self.difference = max(self.difference, float(np.fmax.reduce(np.abs(off))))
         return piece
 

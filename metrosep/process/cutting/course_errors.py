@@ -62,6 +62,7 @@ class CoursePiece:
     along_x: FloatArray  # slopes there along machine x and y
     along_y: FloatArray
     by_azimuth: FloatArray  # m/rad: dZ/dphi of the tip
+    X: FloatArray  # m: of the tip
 
 
 def course_pieces(
@@ -85,7 +86,7 @@ def course_pieces(
         made = tips_along(form, X, azimuth, edge, strict=strict)
         yield CoursePiece(
             begin + i, Z - made.z, made.rho, made.theta, made.along_x, made.along_y,
-            edge.by_azimuth(X, made.psi, made.along_x, made.along_y),
+            edge.by_azimuth(X, made.psi, made.along_x, made.along_y), X,
         )  # fmt: skip
 
 
@@ -103,7 +104,10 @@ def course_error(
 def lead_in_dip(
     program: TurningProgram, form: Form, edge: Edge, parts: int, region: tuple[float, float]
 ) -> float:
-    """Return the least d of the blocks before the rim whose contacts lie within radii; inf if none does."""
+    """Return how deep the blocks before the rim cut within radii, the least error; inf if none does.
+
+    Where they touch outside, the edge still passes over the rim: d and how high it is there.
+    """
     if not program.lead_in:
         return math.inf
     least = math.inf
@@ -112,6 +116,11 @@ def lead_in_dip(
     ):
         on = np.isfinite(piece.error) & (piece.rho >= region[0]) & (piece.rho <= region[1])
         least = min(least, float(piece.error[on].min(initial=math.inf)))
+        out = np.flatnonzero((piece.error < 0.0) & (piece.rho > region[1]))
+        if out.size:
+            rim = np.full(out.size, region[1])
+            rise = _rise_beside(form, edge, piece.X[out], rim, piece.theta[out])
+            least = min(least, float((piece.error[out] + rise).min()))
     return least
 
 

@@ -20,7 +20,7 @@ from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process.tips import Edge, tip_heights
 
-__all__ = ["contact_path"]
+__all__ = ["contact_path", "tips_at"]
 
 _BLOCK, _STEPS = 1 << 16, 6
 """Contacts at once; steps for the azimuth of the tip, each 1e-3 of the last."""
@@ -36,7 +36,7 @@ def contact_path(
     X, azimuth, Z = np.empty(rho.size), np.empty(rho.size), np.empty(rho.size)
     for first in range(0, rho.size, _BLOCK):
         part = slice(first, first + _BLOCK)
-        X[part], azimuth[part], Z[part] = _tips_at(form, rho[part], theta[part], circle)
+        X[part], azimuth[part], Z[part] = tips_at(form, rho[part], theta[part], circle)
     behind = np.flatnonzero(~(X >= 0.0))
     if behind.size:
         at = float(rho[behind].max())
@@ -60,9 +60,10 @@ def contact_path(
     return X, azimuth, Z, (swing, *said)
 
 
-def _tips_at(
+def tips_at(
     form: Form, rho: FloatArray, theta: FloatArray, edge: Edge
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return X, azimuth and Z of tips of a round edge that touch at flat arrays of places."""
     px, py = rho * np.cos(theta), rho * np.sin(theta)
     height, slopes, _ = form.expansion(px, py, [], slopes=True)
     if slopes is None:  # pragma: no cover - slopes=True promises them

@@ -261,7 +261,10 @@ class JobPredicted(Method):
             choices=("linear", "spline", "pvt"),
             help="how the controller goes from point to point",
         ),
-        "lead_in": Option("integer", help="turns before the rim is reached"),
+        "lead_in": Option(
+            "integer",
+            help="points before the rim; by default as many as cut the part up to its rim",
+        ),
         "dx": Option(
             "length", help='tool further from the spindle axis than programmed, "-0.25 um"'
         ),
@@ -616,7 +619,7 @@ def _path(job: Any, rest: Mapping[str, Any]) -> tuple[Any, Any]:
     usual = "CA" if "angle_step" in rest else "CAL"
     if common.setdefault("distribution", usual) != usual:
         raise DataError(f"{steps[0]} belongs to the distribution {usual}")
-    return None, job.path(step=rest[steps[0]], **common)
+    return None, job.path(step=rest[steps[0]], **common, **follows)
 
 
 _X_STAYS = 'the program is NOT corrected for what X does: with servo = "Z" X follows nothing; take servo = "XZ"'
