@@ -288,7 +288,7 @@ def open_file(path: str | os.PathLike[str]) -> RawFile:
 
 
 def _only_member(path: Path) -> Callable[[], Any] | None:
-    """Return what opens the one file in a zip archive; None where there are more, or an array of NumPy."""
+    """Return what opens the one file in a zip archive; None where there are more, or it is part of a format."""
     import zipfile
 
     try:
@@ -298,7 +298,9 @@ def _only_member(path: Path) -> Callable[[], Any] | None:
             ]
     except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
         return None
-    if len(names) != 1 or names[0].endswith(".npy"):
+    if len(names) != 1 or names[0].endswith(
+        (".npy", ".xml")
+    ):  # arrays, and maps of which a part is lost
         return None
     return partial(zipfile.Path(path, names[0]).open, "rb")
 

@@ -251,3 +251,17 @@ def test_a_flipped_byte_of_the_mark_for_not_measured_is_no_height(repository, pu
         except ms.errors.ReadError:
             continue
         assert float(np.nanmax(np.abs(heights))) < 1.0, at
+
+
+def test_a_good_copy_over_a_damaged_file_is_read(repository, put):
+    """The library keeps what it knows of an open file: a damaged one must not stay open."""
+    whole = (repository / "data_formats/datx/samples/fringes.datx").read_bytes()
+    damaged = bytearray(whole)
+    damaged[120] ^= 0xFF  # in the signature of a tree: the file opens, its groups do not
+    path = put(bytes(damaged), "map.datx")
+    with pytest.raises(ms.errors.ReadError, match="signature"):
+        ms.read(path)
+
+    path.write_bytes(whole)
+
+    assert ms.read(path).n_invalid >= 0

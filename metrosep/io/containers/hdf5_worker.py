@@ -19,6 +19,7 @@ import os
 import signal
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -61,9 +62,8 @@ def main() -> None:
             signal.setitimer(signal.ITIMER_PROF, request["seconds"])
         try:
             if "open" in request:
-                handle = _open(request, requests)
-                answer = {"tree": _tree(handle), "handle": number}
-                handles[number] = handle
+                handles[number] = _open(request, requests)
+                answer = {"tree": _tree(handles[number]), "handle": number}
             elif "close" in request:
                 if request["close"] in handles:
                     handles.pop(request["close"]).close()
@@ -73,6 +73,11 @@ def main() -> None:
                 answer = {"bytes": len(content)}
         except _ERRORS as exc:
             answer = {"error": " ".join(str(exc).split())[:160] or type(exc).__name__}
+            if (
+                number in handles
+            ):  # left open, a good copy over the damaged file would still be damaged
+                with suppress(*_ERRORS):
+                    handles.pop(number).close()
         answers.write(json.dumps(answer, allow_nan=True).encode() + b"\n")
         answers.write(content)
         answers.flush()
