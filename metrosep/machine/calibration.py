@@ -31,6 +31,7 @@ from metrosep.machine._model_choice import (
     raised_degrees,
     sets_that_add_nothing,
     shapes_left,
+    shapes_that_come_back,
 )
 from metrosep.machine._reading_problem import (
     LARGEST,
@@ -400,6 +401,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     messages += sets_that_add_nothing(problem, system)
     messages += lines_left(problem, system, fit)
     messages += shapes_left(problem, system, fit)
+    messages += shapes_that_come_back(problem, current, system, beta)
     messages += factors_of_sets(problem, system, fit)
     messages += repeated_rows(sets, problem.labels, fit.scales)
     messages += _louder(sets, problem.labels, noise)

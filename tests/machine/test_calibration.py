@@ -681,3 +681,22 @@ def test_the_sum_that_is_known_of_two_lines_is_told():
     value, u = re.search(r"X0B - X0C is ([\d.]+) um \(u = ([\d.]+) nm\)", said).groups()
     assert abs(float(value) - (7.0 + 1e6 * rough.mean())) < 0.001
     assert 2.0 < float(u) < 5.0  # 20 nm / sqrt(40)
+
+
+@pytest.mark.parametrize("bump", [0.0, 0.6e-6])
+def test_a_bump_that_comes_back_is_named(bump):
+    # both ways over a slide: what comes back at a place is no drift, and refusing it is no cure
+    rng = np.random.default_rng(11)
+    there = np.linspace(0.0, 0.4, 41)
+    x = np.concatenate([there, there[::-1]])
+    values = (
+        2e-6 * (x - 0.2) ** 2 + bump * (np.abs(x - 0.13) < 0.006) + 50e-9 * rng.normal(size=82)
+    )
+    line = ReadingSet(Displacement(direction=(0, 0, 1)), {"X": x, "Y": 0.0, "Z": 0.0}, values, unknown=("offset", "slope"))  # fmt: skip
+    found = calibrate(presets("mill_xyz"), [line], terms=["EZX"])
+    said = [m for m in found.messages if "each time" in m]
+    assert len(said) == (bump > 0.0)
+    for message in said:
+        places = [float(v) for v in re.findall(r"([\d.]+) mm", message)]
+        assert min(places) <= 140.0, message
+        assert max(places) >= 120.0, message
