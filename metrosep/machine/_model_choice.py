@@ -211,7 +211,7 @@ def shapes_that_come_back(
             first[which[::-1]] = np.arange(x.size)[::-1]
             twice = np.flatnonzero(last > first)
             one, two = y[first[twice]], y[last[twice]]
-            best, at = 0.0, (0, 0)
+            best, size, at = 0.0, 0.0, (0, 0)
             for width in _WIDTHS:
                 if twice.size < max(_FEWEST, _WINDOWS * width):
                     break
@@ -219,13 +219,12 @@ def shapes_that_come_back(
                     np.convolve(0.5 * (two + sign * one), np.full(width, 1.0 / width), "valid")
                     for sign in (1.0, -1.0)
                 )
-                scale = 1.4826 * float(np.median(np.abs(half)))
+                floor = max(float(problem.steps[k]) / math.sqrt(12.0), _NOTHING)
+                scale = max(1.4826 * float(np.median(np.abs(half))), floor)
                 i = int(np.argmax(np.abs(mean)))
-                if abs(mean[i]) > best * max(scale, problem.steps[k] / math.sqrt(12.0), _NOTHING):
-                    best = abs(float(mean[i])) / max(
-                        scale, problem.steps[k] / math.sqrt(12.0), _NOTHING
-                    )
-                    at, size = (i, i + width - 1), float(mean[i])
+                if abs(float(mean[i])) > best * scale:
+                    best, size = abs(float(mean[i])) / scale, float(mean[i])
+                    at = (i, i + width - 1)
             if best > _COMES_BACK:
                 unit = "rad" if problem.chain.dimensions.get(moved[0]) == "angle" else "m"
                 ends = " to ".join(
