@@ -146,11 +146,13 @@ OUTPUTS: dict[str, Schema] = {
     "plan": _object("feedrates for runs", {
         "feeds_mm_per_min": _list(_NUMBER), "runs": _list(_list(_NUMBER)), "quantities": _values(_QUANTITY),
         "messages": _list(_TEXT), "audit": _MAP}),
-    "calibrate": _object("error terms of a machine", {
+    "calibrate": {"anyOf": [_object("error terms of a machine", {
         "machine": _TEXT, "terms": _values(_object("values and u are null for a term that was refused", {
             "unit": _TEXT, "values": {"type": ["array", "null"]}, "u": {"type": ["array", "null"]}})),
         "noise": _MAP, "null": _list(_ANY), "refused": _MAP, "condition": _NUMBER, "messages": _list(_TEXT),
         "files": _FILES, "audit": _MAP}),
+        _object("--candidate: set-ups in the order in which each adds most", {
+            "plan": _list(_object("u of the error once it is read too", {"set": _TEXT, "u_rms_m": _NUMBER}))})]},
     "thermal": _object(
         "errors over temperatures: of a new fit 'drift' and what it rests on, of a stored one 'errors'",
         {"errors": {"anyOf": [_values(_object("", {"value": _NUMBER, "u": _NUMBER, "unit": _TEXT})), {"type": "null"}]},

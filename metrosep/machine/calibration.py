@@ -31,6 +31,7 @@ from metrosep.machine._model_choice import (
     raised_degrees,
     sets_that_add_nothing,
     shapes_left,
+    shapes_that_come_back,
 )
 from metrosep.machine._reading_problem import (
     LARGEST,
@@ -400,6 +401,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     messages += sets_that_add_nothing(problem, system)
     messages += lines_left(problem, system, fit)
     messages += shapes_left(problem, system, fit)
+    messages += shapes_that_come_back(problem, current, system, beta)
     messages += factors_of_sets(problem, system, fit)
     messages += repeated_rows(sets, problem.labels, fit.scales)
     messages += _louder(sets, problem.labels, noise)
@@ -420,7 +422,11 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     blind = system.blind / system.sizes[:, None]
     null, members = null_sentences(system.blind, problem.names)
     unseen = {name.split(" ")[0] for group in members for name in group}
-    null = (*null, *hardly_known(problem.names[:p], problem.units[:p], cov[:p, :p]))
+    sums = _sums(problem, members, blind, beta, cov)
+    null = (
+        *(n + sums.get(i, "") for i, n in enumerate(null)),
+        *hardly_known(problem.names[:p], problem.units[:p], cov[:p, :p]),
+    )
     errors, fitted = terms_found(chain, problem.bases, beta, cov, unseen)
     unknowns: dict[str, Mapping[str, tuple[FloatArray, FloatArray]]] = {}
     u = np.sqrt(np.maximum(np.diag(cov), 0.0))
@@ -579,6 +585,40 @@ def _gauge(chain: Chain, homes: Mapping[str, float]) -> str:
         f"errors of linear axes are zero at home ({where}); slopes of straightness are in squareness "
         f"and in the frame of the instrument; squareness is that of least-squares lines"
     )
+
+
+def _sums(
+    problem: Problem,
+    members: Sequence[set[str]],
+    blind: FloatArray,
+    beta: FloatArray,
+    cov: FloatArray,
+) -> dict[int, str]:
+    """Return by null direction of two terms the sum of them that the readings determine, and its u."""
+    said = {}
+    for i, group in enumerate(members):
+        at = sorted(problem.names.index(n) for n in group)
+        if (
+            len(at) != 2
+            or at[1] >= problem.n_terms
+            or problem.units[at[0]] != problem.units[at[1]]
+        ):
+            continue
+        U, singular, _ = np.linalg.svd(blind[at])
+        if singular.size > 1 and singular[1] > NULL * singular[0]:
+            continue  # each moves by itself in another direction
+        c = U[:, 1] / U[0, 1]
+        value, u = float(c @ beta[at]), math.sqrt(max(float(c @ cov[np.ix_(at, at)] @ c), 0.0))
+        size = (
+            "" if abs(abs(c[1]) - 1.0) < 1e-3 else f"{abs(c[1]):.4g} "
+        )  # 1 but for typed positions
+        first, second = (problem.names[k] for k in at)
+        unit = problem.units[at[0]]
+        said[i] = (
+            f": {first} {'+' if c[1] > 0.0 else '-'} {size}{second} is "
+            f"{format_engineering(value, unit)} (u = {format_engineering(u, unit, digits=2)})"
+        )
+    return said
 
 
 def _shapeless(problem: Problem, homes: Mapping[str, float]) -> list[str]:

@@ -394,3 +394,34 @@ def test_an_uncertainty_without_its_constant_or_of_another_kind_is_refused(call,
     )  # fmt: skip
     assert done.code != 0
     assert "C0Y" in done.err
+
+
+def line_of(file, direction, axis, ends, u):
+    """Write nine places of one axis, and no readings."""
+    at = ", ".join(f'{a} = "0 mm"' for a in "XYZ" if a != axis)
+    head = f'# instrument = "displacement"\n# direction = "{direction}"\n# u = "{u} um"\n'
+    head += f'# unknown = ["offset"]\n# at = {{ {at} }}\n# name = "{file.stem}"\n{axis}_mm\n'
+    file.write_text(head + "".join(f"{v}\n" for v in np.linspace(*ends, 9)), "utf-8")
+    return str(file)
+
+
+def test_the_set_up_to_read_next(call, tmp_path):
+    fine = line_of(tmp_path / "fine.csv", "X", "X", (0, 200), 0.2)
+    wide = line_of(tmp_path / "wide.csv", "X", "X", (0, 400), 0.2)
+    idle = line_of(tmp_path / "idle.csv", "Y", "X", (0, 400), 0.1)
+    words = ["--terms", "EXX", "--degree", "X=1", "--candidate", fine, "--candidate", idle]
+    done = call("calibrate", "mill_xyz", *words, "--candidate", wide, "--json")
+    assert done.code == 0, done.err
+    plan = json.loads(done.out)["plan"]
+    assert [p["set"] for p in plan] == ["wide", "fine", "idle"]
+    # E_x = 2 c x / L with c of 5 um: the offset takes the mean of each line; 5 places of the travel
+    information, box = 1.0 / 5e-6**2, np.mean((2.0 * np.linspace(0.0, 1.0, 5)) ** 2)
+    for found, length in zip(plan, (0.4, 0.2, None), strict=True):
+        if length is not None:
+            shape = 2.0 * np.linspace(0.0, length, 9) / 0.4
+            information += np.sum((shape - shape.mean()) ** 2) / 0.2e-6**2
+        assert found["u_rms_m"] == pytest.approx(np.sqrt(box / information), rel=1e-9, abs=0.0)
+    refused = call("calibrate", "mill_xyz", *words, "-o", str(tmp_path / "out"))
+    assert refused.code == 2
+    assert "--candidate lists set-ups and finds no terms: take -o out" in refused.err
+    assert call("calibrate", "mill_xyz").code == 2

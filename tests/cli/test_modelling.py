@@ -355,3 +355,14 @@ def test_five_axes_rank_where_they_are_locked(metrosep):
     assert metrosep(*five, "--at", "A=0 deg", "--print-recipe")[1].endswith(
         'at = { "A" = "0 deg" }\nerrors = { "B0C" = "5 urad" }\n'
     )
+
+
+@pytest.mark.parametrize(("tool", "sq"), [("0 mm,7 mm,0 mm", 7.0), ("0 mm,-3 mm,-80 mm", 3.0)])
+def test_rank_takes_the_tool_point(metrosep, tool, sq):
+    # a roll of Y turns the tool about X: its height at the tool point is a times the offset in Y
+    words = ("rank", "mill_xyz", "--form", "plane", "--radius", "20 mm", "--removed", "piston")
+    code, out, _ = metrosep(*words, "--error", "EAY=wave 8 mm 1 urad", "--tool", tool, "--json")
+    assert code == 0
+    found = {c["metric"]: c["value"] for c in json.loads(out)["characteristics"]}["sq.EAY"]
+    # a wave of amplitude 1 has an RMS of 1/sqrt(2); 1 %: the rim cuts the waves
+    assert found == pytest.approx(sq * 1e-9 / np.sqrt(2.0), rel=0.01, abs=0.0)

@@ -12,7 +12,9 @@ from numpy.testing import assert_allclose
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.machine import (
     Angle,
+    Chain,
     Displacement,
+    Element,
     Length,
     Nest,
     ReadingSet,
@@ -650,10 +652,51 @@ def test_a_motion_without_a_shape_at_the_first_degree_is_found_or_named(degrees)
     truth = plain(a) - elsewhere(a) @ amount
     q = {"X": 0.0, "Y": 0.0, "Z": 0.0, "A": a, "C": 0.0}
     line = ReadingSet(Displacement(direction=(0, 1, 0)), q, truth, name="line")
-    turn = ReadingSet(Angle(direction=(1, 0, 0)), q, 3e-6 * a - 3e-6 * a.mean(), unknown=("offset",))
+    turn = ReadingSet(
+        Angle(direction=(1, 0, 0)), q, 3e-6 * a - 3e-6 * a.mean(), unknown=("offset",)
+    )
     found = calibrate(five, [line, turn], terms=["EYA", "EAA"], degrees=degrees)
     if degrees is None:
         assert np.abs(found["EYA"].evaluate(a) - truth).max() < PM
         assert not any("taken as zero" in m for m in found.messages)
     else:
         assert any("EYA: taken as zero" in m and "A=3" in m for m in found.messages)
+
+
+def test_the_sum_that_is_known_of_two_lines_is_told():
+    # the axis of a head and that of a table, displaced along X: the tool shows the difference alone
+    chain = Chain([
+        Element("B", "tool", "rotary", (0, 1, 0), error_frame="before", errors=(), location_errors={"X0B": (1, 0, 0, 0, 0, 0)}),
+        Element("C", "workpiece", "rotary", (0, 0, -1), errors_of="tool", errors=(), location_errors={"X0C": (1, 0, 0, 0, 0, 0)}),
+    ])  # fmt: skip
+    turn = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    rough = 20e-9 * np.random.default_rng(3).normal(size=40)
+    values = (
+        9e-6 - 2e-6
+    ) + rough  # the head to +X takes the tool along, the table takes the part away
+    line = ReadingSet(Displacement(direction=(1, 0, 0)), {"B": turn - 3.0, "C": turn}, values)
+    found = calibrate(chain, [line])
+    assert np.isnan([found["X0B"].value, found["X0C"].value]).all()
+    (said,) = (n for n in found.null if "X0B - X0C is" in n)
+    value, u = re.search(r"X0B - X0C is ([\d.]+) um \(u = ([\d.]+) nm\)", said).groups()
+    assert abs(float(value) - (7.0 + 1e6 * rough.mean())) < 0.001
+    assert 2.0 < float(u) < 5.0  # 20 nm / sqrt(40)
+
+
+@pytest.mark.parametrize("bump", [0.0, 0.6e-6])
+def test_a_bump_that_comes_back_is_named(bump):
+    # both ways over a slide: what comes back at a place is no drift, and refusing it is no cure
+    rng = np.random.default_rng(11)
+    there = np.linspace(0.0, 0.4, 41)
+    x = np.concatenate([there, there[::-1]])
+    values = (
+        2e-6 * (x - 0.2) ** 2 + bump * (np.abs(x - 0.13) < 0.006) + 50e-9 * rng.normal(size=82)
+    )
+    line = ReadingSet(Displacement(direction=(0, 0, 1)), {"X": x, "Y": 0.0, "Z": 0.0}, values, unknown=("offset", "slope"))  # fmt: skip
+    found = calibrate(presets("mill_xyz"), [line], terms=["EZX"])
+    said = [m for m in found.messages if "each time" in m]
+    assert len(said) == (bump > 0.0)
+    for message in said:
+        places = [float(v) for v in re.findall(r"([\d.]+) mm", message)]
+        assert min(places) <= 140.0, message
+        assert max(places) >= 120.0, message

@@ -388,7 +388,9 @@ class ModalState:
             why = "F stays in the basic unit of the control, which the text does not say"
             raise refuse_block(line, name, why, "write G700 or G20, which hold for F too")
         self._units(MM, name, line)
-        self.note("G71 holds for positions: F is taken to be in mm/min, the control's basic unit", line)
+        self.note(
+            "G71 holds for positions: F is taken to be in mm/min, the control's basic unit", line
+        )
 
     def _units(self, scale: float, name: str, line: int) -> None:
         if self.scale is not None and self.scale != scale:
