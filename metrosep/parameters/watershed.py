@@ -379,7 +379,7 @@ def _prominences(
             stands = further
         a, b = stands.take(a), stands.take(b)
         left = np.flatnonzero(a != b)
-        a, b, saddle, key = (v.take(left) for v in (a, b, saddle, key))
+        a, b, saddle, key = a.take(left), b.take(left), saddle.take(left), key.take(left)
         still = np.zeros(tops.size, dtype=bool)  # hills are counted anew: few of them are left
         still[a] = still[b] = True
         number = np.cumsum(still) - 1
