@@ -301,10 +301,13 @@ def in_parts(runs: RunSet, first: float, last: float) -> bool:
     return max(reach) < COVERED * (last - first)
 
 
-def require_tied(runs: RunSet, first: float, last: float) -> None:
+def require_tied(runs: RunSet) -> None:
     """Refuse runs of parts that no chain of runs ties together: nothing tells their offsets apart."""
-    table = on_common_grid(runs, first, last)[1]
-    _require_tied(runs, ~np.isnan(table), 1)
+    pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in runs)
+    low, high = runs.full_travel
+    grid = np.linspace(low, high, int(min((high - low) / pitch, _MAX_POINTS)) + 1)
+    spans = [(known.min(), known.max()) for r in runs for known in [r.x[~np.isnan(r.z)]]]
+    _require_tied(runs, np.array([(grid >= a) & (grid <= b) for a, b in spans]), 1)
 
 
 def _require_tied(runs: RunSet, valid: NDArray[np.bool_], n_columns: int) -> None:

@@ -154,11 +154,12 @@ def separate_joint(
     way = " and ".join("forward" if d > 0 else "reverse" for d in runs.directions)
     options.check_runs(n_feeds, n_probes, fit_lag=lag == "fit", way=way)
     first, last = evaluation_range(runs, start=start, length=length, method="joint")
-    require_tied(runs, first, last)
-    # Parts are set up anew, each with a slope of its own; the geometry would bend at every joint.
-    lines_of_parts = not options.drift and in_parts(runs, first, last)
-    if lines_of_parts:
-        options = replace(options, drift=1)
+    lines_of_parts = False
+    if in_parts(runs, first, last):
+        require_tied(runs)
+        # Parts are set up anew, each with its slope; with one for all the error bends at each joint.
+        lines_of_parts = not options.drift
+        options = replace(options, drift=options.drift or 1)
     prepared = prepare_runs(runs, probes=names)
     if options.position_offsets:
         check_reference([r.run_id for r in prepared], options.position_reference, way)
