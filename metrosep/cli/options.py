@@ -376,12 +376,13 @@ def columns_of(file: str) -> str:
     return ", ".join(str(c.get("name") if isinstance(c, dict) else c) for c in found)
 
 
-def missing_options(missing: Sequence[str], file: str) -> click.UsageError:
+def missing_options(missing: Sequence[str], file: str, hint: str = "") -> click.UsageError:
     """Return the error of options that are missing, all at once, with the columns of the file."""
     names = " and ".join(f"'--{name}'" for name in missing)
     columns = columns_of(file)
     has = f"; {Path(file).name} has {columns}" if columns else ""
-    return click.UsageError(f"Missing option{'s' if len(missing) > 1 else ''} {names}{has}.")
+    more = f"; {hint}" if hint else ""
+    return click.UsageError(f"Missing option{'s' if len(missing) > 1 else ''} {names}{has}{more}.")
 
 
 def say_next(command: str, *words: object) -> None:

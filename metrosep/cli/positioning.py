@@ -116,11 +116,8 @@ def listed_cycles(
     roles = {k: options[k] for k in _ROLES if options.get(k)}
     missing = [k for k in ("target", "direction", "readings") if k not in roles]
     if roles and missing:
-        error = missing_options(missing, files[0])
-        if "direction" in missing:
-            one_way = "a list of one direction: --direction forward, or reverse"
-            error.message = f"{error.message.rstrip('.')}; {one_way}."
-        raise error
+        one_way = "a list of one direction: --direction forward, or reverse"
+        raise missing_options(missing, files[0], hint=one_way if "direction" in missing else "")
     if "readings" in roles:
         roles["readings"] = [c.strip() for c in roles["readings"].split(",") if c.strip()]
         twice = [c for i, c in enumerate(roles["readings"]) if c in roles["readings"][:i]]

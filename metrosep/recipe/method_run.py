@@ -283,7 +283,7 @@ def _columns(
             raise
     data = read_roles(files, {k: v for k, v in roles.items() if k != "direction"}, **rest)
     rows = np.asarray(data.values["target"]).size
-    return replace(data, values={**data.values, "direction": [word] * rows})
+    return replace(data, values={**data.values, "direction": np.full(rows, word)})
 
 
 def _results(method: type[Method], files: Sequence[Path]) -> Results:
