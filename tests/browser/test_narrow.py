@@ -115,12 +115,18 @@ def test_high_contrast_shows_what_is_chosen_and_what_moves(opened: Opened, map_f
     assert page.errors == []
 
 
-def test_the_form_of_a_table_is_one_column_on_a_telephone(opened: Opened, tmp_path: Path) -> None:
+def test_runs_and_the_form_of_a_table_fit_a_telephone(opened: Opened, tmp_path: Path) -> None:
     for file in EXAMPLE.iterdir():
         if file.is_file():
             shutil.copy(file, tmp_path)
     page = opened(tmp_path / "recipe.toml")
     page.show(390, 844)
+    cut = page.run(
+        "[...document.querySelectorAll('#panel-runs > header :is(button, select, label)')].filter((e) => "
+        "e.checkVisibility() && e.getBoundingClientRect().right > innerWidth).map((e) => e.textContent)"
+    )
+    assert cut == []
+    page.wait("document.querySelector('.runs-lower canvas').getBoundingClientRect().height > 100")
     page.click("#tab-table")
     page.wait(
         "document.querySelector('.table-form input[type=text], .table-form select') !== null"
