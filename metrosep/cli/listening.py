@@ -20,7 +20,12 @@ __all__ = ["listen"]
     help='Columns with their units, in the order in which they come: "x_mm,z_um".',
 )
 @click.option("-o", "--out", required=True, metavar="FILE", help="New CSV file that grows.")
-@click.option("--every", default="3 s", metavar="TIME", help='Between two writes. Default: "3 s".')
+@click.option(
+    "--every",
+    default="3 s",
+    metavar="TIME",
+    help='Time between two writes to FILE; "3 s" if omitted.',
+)
 @click.option("--for", "seconds", metavar="TIME", help='End after this time: "10 min".')
 def listen(source: str, columns: str, out: str, every: str, seconds: str | None) -> int:
     r"""Record what SOURCE sends: lines of numbers, one reading each, until it ends or Ctrl-C.

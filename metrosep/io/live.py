@@ -87,7 +87,7 @@ class LineTable:
             text = "\0"
         if not text.replace("\t", " ").isprintable():
             raise self._error(
-                "holds bytes that are no text; check the baud rate, and that the gauge sends ASCII"
+                "holds bytes that are not text; check the baud rate, and that the gauge sends ASCII"
             )
         if text == _LOST:
             raise self._error(

@@ -162,7 +162,9 @@ def in_words(message: str, keys: StepKeys, *, command: bool = False) -> str:
 
     if not command:
         message = _WAIVED.sub(
-            lambda m: "write waive = [" + ", ".join(f'"{c}"' for c in m[1].split(", ")) + "] there",
+            lambda m: (
+                "write waive = [" + ", ".join(f'"{c}"' for c in m[1].split(", ")) + "] there"
+            ),
             message,
         )
     message = _of_columns(message, keys)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from browser.test_runs import EXAMPLE
 
 pytestmark = pytest.mark.browser
 
@@ -110,4 +112,29 @@ def test_high_contrast_shows_what_is_chosen_and_what_moves(opened: Opened, map_f
     assert page.run(
         f"document.querySelector('.handle-upright') !== null && {line} !== {back}('body')"
     )
+    assert page.errors == []
+
+
+def test_runs_and_the_form_of_a_table_fit_a_telephone(opened: Opened, tmp_path: Path) -> None:
+    for file in EXAMPLE.iterdir():
+        if file.is_file():
+            shutil.copy(file, tmp_path)
+    page = opened(tmp_path / "recipe.toml")
+    page.show(390, 844)
+    cut = page.run(
+        "[...document.querySelectorAll('#panel-runs > header :is(button, select, label)')].filter((e) => "
+        "e.checkVisibility() && e.getBoundingClientRect().right > innerWidth).map((e) => e.textContent)"
+    )
+    assert cut == []
+    page.wait("document.querySelector('.runs-lower canvas').getBoundingClientRect().height > 100")
+    page.click("#tab-table")
+    page.wait(
+        "document.querySelector('.table-form input[type=text], .table-form select') !== null"
+    )
+    slim = page.run(
+        "[...document.querySelectorAll('.table-form :is(label, input:not([type=checkbox]), select, .soft)')]"
+        ".filter((e) => e.checkVisibility() && e.getBoundingClientRect().width < 100).map((e) => e.outerHTML)"
+    )
+    assert slim == []
+    assert page.run("document.documentElement.scrollWidth <= innerWidth")
     assert page.errors == []
