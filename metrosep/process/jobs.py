@@ -731,7 +731,7 @@ class TurningJob:
         elif X[0] > self.radius + first:
             said.append(
                 f"the tip begins {format_length(float(X[0]) - self.radius)} outside the rim, so that the nose cuts "
-                "the part up to it: the machine must reach there"
+                "the part up to it: the machine must reach there (with a smaller lead_in the outermost ring stays too high)"
             )
         return said
 
