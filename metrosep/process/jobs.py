@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields
 from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
@@ -247,13 +248,16 @@ class TurningJob:
         made = SpiralPath(self.radius, self.feed, step=step, lead_in=lead_in or 0, **own, **words)
         return made if lead_in is not None else self._led_in(made, servo)
 
-    def before_the_rim(self, servo: Servo = "Z") -> float:
+    def before_the_rim(self, servo: Servo = "Z", tool: ToolSetting | None = None) -> float:
         """Return how far outside the rim the tip must begin, so that the part is cut up to its rim.
 
         Parameters
         ----------
         servo : {"Z", "XZ"}, optional
             What follows the surface, as of `program`.
+        tool : ToolSetting, optional
+            Errors of the setting that the program makes up for; a path is made without, and a program for a tool
+            that stands further in than half a feed says how many points it lacks.
 
         Returns
         -------
@@ -265,7 +269,7 @@ class TurningJob:
         Raises
         ------
         InvalidSamplesError
-            If the form has no height at the rim.
+            If the form has no height at a place of the rim, or with servo "XZ" of where contacts begin.
 
         Examples
         --------
@@ -278,23 +282,35 @@ class TurningJob:
         if self.nose is None:
             return 0.0
         turns = 1.5 * self.feed
-        if servo == "XZ":  # the contacts are on the spiral
-            return turns
-        edge = Edge.of(self.nose, self._way)
         turn = np.linspace(0.0, 2.0 * math.pi, _AZIMUTHS, endpoint=False)
+        if servo == "XZ":  # the contacts are on the spiral
+            out = self.radius + turns
+            z = self.form.height(out * np.cos(turn), out * np.sin(turn))
+            self._require_heights(np.isnan(z), out, turn)
+            return turns
+        edge = Edge.of(self.nose, self._way, tool)
         starts, _, z = tips_at(self.form, np.full(turn.size, self.radius), turn, edge)
-        if np.isnan(z).all():
-            raise InvalidSamplesError(
-                f"the {self.form.name} has no height at the rim, {format_length(self.radius)} from the "
-                "spindle axis: take a smaller radius, or give a form that reaches there"
-            )
-        return max(0.0, float(np.nanmax(starts)) - self.radius) + turns
+        self._require_heights(np.isnan(z), self.radius, turn)
+        return max(0.0, float(starts.max()) - self.radius) + turns
 
-    def _led_in(self, spiral: SpiralPath, servo: Servo) -> SpiralPath:
+    def _require_heights(self, missing: NDArray[np.bool_], rho: float, turn: FloatArray) -> None:
+        """Raise InvalidSamplesError for a form that ends before the radius at which contacts are to lie."""
+        if missing.any():
+            raise InvalidSamplesError(
+                f"the {self.form.name} has no height at {100.0 * missing.mean():.3g} % of the circle of "
+                f"{format_length(rho)} about the spindle axis, the first at azimuth "
+                f"{math.degrees(float(turn[np.argmax(missing)])):.4g} degrees, and the part is to be cut up to its "
+                f"rim at {format_length(self.radius)}: take a smaller radius, give a form that reaches there, or give "
+                "lead_in where the part ends there in truth and air is right"
+            )
+
+    def _led_in(
+        self, spiral: SpiralPath, servo: Servo, tool: ToolSetting | None = None
+    ) -> SpiralPath:
         """Return the path with the points before the rim that the nose, and the end of a spline, need."""
         points = 0.0
         if self.nose is not None:
-            turns = self.before_the_rim(servo) / self.feed
+            turns = self.before_the_rim(servo, tool) / self.feed
             if spiral.distribution == "CA":
                 points = turns * 2.0 * math.pi / spiral.step
             else:
@@ -657,7 +673,7 @@ class TurningJob:
         if servo == "Z":
             turn = slice(0, int(np.count_nonzero(X[0] - X <= 1.01 * self.feed)))
             begins = tips(self.form, X[turn], azimuth[turn], edge, strict=False)
-            said = (*said, *self._rim_said(X[turn], begins.rho))
+            said = (*said, *self._rim_said(spiral, X[turn], begins.rho))
         return TurningProgram(
             frozen(X), frozen(azimuth), frozen(Z), t, "tip", spiral.interpolation,
             None if velocities is None else frozen(velocities), None, spiral.lead_in, {},
@@ -691,21 +707,31 @@ class TurningJob:
         theta /= speed
         return X, azimuth, frozen(theta), speed
 
-    def _rim_said(self, X: FloatArray, contacts: FloatArray) -> list[str]:
+    def _rim_said(
+        self,
+        spiral: SpiralPath,
+        X: FloatArray,
+        contacts: FloatArray,
+        tool: ToolSetting | None = None,
+    ) -> list[str]:
         """Return what is to be said of a beginning whose contacts at tips are known, a turn or more of them."""
         first = self.feed + 1e-9 * self.radius
         starts = float(np.nanmin(contacts[X[0] - X <= first]))
         said = []
-        if starts < self.radius - first:
+        if starts < self.radius - 0.5 * first:  # more stays than between two turns
+            try:
+                cure = f"give lead_in = {self._led_in(spiral, 'Z', tool).lead_in}"
+            except InvalidSamplesError:
+                cure = "take a smaller radius, for the form ends at the rim"
             said.append(
-                f"the first turn touches the part at rho = {format_length(starts)} only: outside it nothing is "
-                f"cut up to the rim at {format_length(self.radius)}; leave lead_in out, or give the path "
-                f"{format_length(self.before_the_rim())} before the rim"
+                f"the first turn touches the part up to rho = {format_length(starts)} only: outside it, up to the "
+                f"rim at {format_length(self.radius)}, the flank of the nose alone cuts and leaves more than between "
+                f"turns; {cure}"
             )
         elif X[0] > self.radius + first:
             said.append(
                 f"the tip begins {format_length(float(X[0]) - self.radius)} outside the rim, so that the nose cuts "
-                "the part up to it: the machine must reach there"
+                "the part up to it: the machine must reach there (with a smaller lead_in the outermost ring stays too high)"
             )
         return said
 
@@ -789,7 +815,7 @@ class TurningJob:
             change, residual, messages = self._cut_points(points, tool)
             slopes = None
         else:
-            change, residual, messages, slopes = self._tips(points, self.nose, tool)
+            change, residual, messages, slopes = self._tips(spiral, points, self.nose, tool)
         z = points.z + change
         audit: dict[str, Any] = {"n_points": len(points), "gain": gain, **self._tool()}
         if tool is not None:
@@ -863,7 +889,11 @@ class TurningJob:
         return found.change, dict(found.residual_pv), [*said, *found.messages]
 
     def _tips(
-        self, points: PathPoints, nose: RoundNose, tool: ToolSetting | None
+        self,
+        spiral: SpiralPath,
+        points: PathPoints,
+        nose: RoundNose,
+        tool: ToolSetting | None,
     ) -> tuple[FloatArray, dict[str, float], list[str], FloatArray]:
         """Return what the setting changes of the tips, residual, messages, dZ/dX and dZ/dphi; refuse a gouge."""
         fits = gouge_check(self.form, nose, region=(self.core, self.radius))
@@ -872,7 +902,7 @@ class TurningJob:
         edge = nominal if tool is None else Edge.of(nose, self.sense, tool)
         made = tips(self.form, points.rho, points.azimuth, edge, strict=True)
         said = [*fits.messages, *made.messages]
-        said += self._rim_said(points.rho, made.rho)
+        said += self._rim_said(spiral, points.rho, made.rho, tool)
         turn = edge.by_azimuth(points.rho, made.psi, made.along_x, made.along_y)
         slopes = np.stack([made.along_x, turn])
         if tool is None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from contracts.recipes import mean_of_runs
 
 import metrosep as ms
 from metrosep.app.documents import Edit, Places
@@ -57,15 +58,7 @@ def test_equal_recipes_of_other_files_have_other_marks(answers, tmp_path):
     assert header["verdict"] == "reject"
 
 
-STEPS = """[input]
-files = ["runs.csv"]
-x = "x_mm"
-z = "z_um"
-run = "run"
-[[step]]
-op = "separate"
-method = "mean"
-"""
+STEPS = mean_of_runs()
 NO_UNCERTAINTY = """[[check]]
 metric = "residual_rms"
 upper = "1 um"
@@ -77,7 +70,7 @@ upper = "1 um"
     [
         (STEPS + NO_UNCERTAINTY, None),
         (STEPS + NO_UNCERTAINTY + '[view]\ntab = "report"\n', None),
-        ('extends = "base.toml"\n', STEPS + NO_UNCERTAINTY),
+        ('metrosep = 1\nextends = "base.toml"\n', STEPS + NO_UNCERTAINTY),
     ],
     ids=["own", "own with a view", "inherited"],
 )
@@ -89,9 +82,9 @@ def test_a_limit_that_cannot_be_judged_leaves_the_numbers_of_runs(tmp_path, own,
         z = np.cos(x) + 0.01 * rng.standard_normal(x.size)
         rows += [f"{k},{a:.3f},{b:.5f}" for a, b in zip(x, z, strict=True)]
     (tmp_path / "runs.csv").write_text("\n".join(rows) + "\n")
-    (tmp_path / "r.toml").write_text("metrosep = 1\n" + own)
+    (tmp_path / "r.toml").write_text(own)
     if base is not None:
-        (tmp_path / "base.toml").write_text("metrosep = 1\n" + base)
+        (tmp_path / "base.toml").write_text(base)
     answers = Answers(Session(Places([tmp_path])))
     answers.answer({"k": "open", "path": str(tmp_path / "r.toml")})
     for _ in range(2):  # what was shown without limits is never taken for what was judged

@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from contracts.recipes import mean_of_runs
 
 from metrosep import controllers as library
 from metrosep.app.documents import Edit, Places
@@ -42,16 +43,7 @@ def write_runs(folder, *, sign=1.0):
 
 
 def recipe_text(controller="csv", machine="", extra="", spacing='"0.5 mm"', path="z.txt"):
-    return f"""metrosep = 1
-[input]
-files = ["runs.csv"]
-x = "x_mm"
-z = "z_um"
-run = "run"
-[[step]]
-op = "separate"
-method = "mean"
-[[output]]
+    return f"""{mean_of_runs()}[[output]]
 kind = "table"
 controller = "{controller}"
 axis = "X"

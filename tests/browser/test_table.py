@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contracts.recipes import mean_of_runs
 
 import metrosep as ms
 from metrosep import controllers
@@ -23,16 +24,7 @@ READY = (
     "document.querySelector('#panel-table').getAttribute('aria-busy') === 'false' "
     "&& document.querySelector('#table-controller') !== null"
 )
-RECIPE = """metrosep = 1
-[input]
-files = ["runs.csv"]
-x = "x_mm"
-z = "z_um"
-run = "run"
-[[step]]
-op = "separate"
-method = "mean"
-"""
+RECIPE = mean_of_runs()
 TABLE = """[[output]]
 kind = "table"
 controller = "{controller}"

@@ -7,6 +7,7 @@ import shlex
 
 import numpy as np
 import pytest
+from contracts.recipes import mean_of_runs
 
 import metrosep as ms
 from metrosep.cli.batches import _duration
@@ -97,16 +98,9 @@ def test_fresh_and_resume(home, capsys):
     assert "done before" not in capsys.readouterr().err
 
 
-TABLE = """metrosep = 1
-[input]
-files = ["*.csv"]
-x = "x_mm"
-z = "z_um"
-run = "run"
-[[step]]
-op = "separate"
-method = "mean"
-[[output]]
+TABLE = (
+    mean_of_runs("*.csv")
+    + """[[output]]
 kind = "table"
 controller = "csv"
 axis = "X"
@@ -115,6 +109,7 @@ spacing = "{spacing}"
 path = "z.txt"
 waive = ["active"]
 """
+)
 
 
 def test_a_table_of_a_batch_is_replaced_by_fresh_alone(tmp_path, monkeypatch, capsys):

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from contracts.recipes import mean_of_runs
 
 PEAK_UM, AT_MM, WIDTH_MM = 2.0, 15.0, 4.0
 """An error of one bump, lopsided over the travel of 50 mm."""
@@ -32,16 +33,7 @@ CASES = {
 
 def recipe_of(case, spoilt=True):
     controller, machine, more, spacing, _ = CASES[case] if spoilt else ("csv", "", "", "1 mm", "")
-    return f"""metrosep = 1
-[input]
-files = ["runs.csv"]
-x = "x_mm"
-z = "z_um"
-run = "run"
-[[step]]
-op = "separate"
-method = "mean"
-[[check]]
+    return f"""{mean_of_runs()}[[check]]
 metric = "pv"
 upper = "9 um"
 [[output]]

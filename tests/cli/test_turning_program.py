@@ -5,6 +5,8 @@ import csv
 import numpy as np
 import pytest
 
+import metrosep as ms
+
 Rs, R = 40e-3, 0.8e-3
 RECIPE = """metrosep = 1
 [[step]]
@@ -94,3 +96,23 @@ def test_noses_that_cannot_cut_the_part_are_refused(turned, keys, words):
     assert code != 0
     assert words in errors
     assert not columns
+
+
+@pytest.mark.parametrize("verb", ["predict", "cut_budget"])
+def test_one_section_of_the_part_is_refused_where_a_map_is_needed(metrosep, tmp_path, verb):
+    ms.write(ms.Profile(np.arange(99) * 1e-4, np.arange(99) * 1e-9), tmp_path / "section.smd")
+    keys = 'nose_radius = "0.8 mm"\npart = "section.smd"'
+    text = RECIPE.format(keys)
+    if verb == "cut_budget":
+        keys += '\nprogram = "p.csv"\nform = "sphere: R=40 mm"\nc_positive = "workpiece ccw"'
+        text = f'metrosep = 1\n[[step]]\nop = "cut_budget"\n{keys}\n'
+        (tmp_path / "p.csv").write_text(
+            "# quantity tip\n# interpolation linear\nt_s,X_mm,C_deg,Z_mm\n"
+            + "".join(f"{k / 8},{5 - k / 800},{-45 * k},0\n" for k in range(99))
+        )
+    (tmp_path / "r.toml").write_text(text)
+    code, _, error = metrosep("predict", tmp_path / "r.toml", "-o", tmp_path / "out")
+    assert code in (2, 4)
+    assert "section.smd holds a Profile" in error
+    assert "give the map of the part around the axis" in error
+    assert not (tmp_path / "out").exists()

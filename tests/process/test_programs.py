@@ -10,7 +10,8 @@ from scipy.interpolate import CubicSpline
 
 from metrosep.controllers import LatheAxes, check_program, write_program
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError, TooFewSamplesError
-from metrosep.forms import Expression, SineGrid, Sphere, Toric
+from metrosep.core.surface import Surface
+from metrosep.forms import Expression, GridForm, SineGrid, Sphere, Toric
 from metrosep.process import (
     AxisLimits,
     RoundNose,
@@ -478,7 +479,69 @@ def test_the_part_is_cut_up_to_its_rim(tmp_path, servo, text, ring):
         assert left[3].max() > max(ring * NM, 2 * cusp)
     if servo == "Z":
         said = " ".join(job.program(job.path(step=np.radians(3), lead_in=3)).messages)
-        assert ("outside it nothing is cut" in said) == bool(ring)
+        assert ("the flank of the nose alone cuts" in said) == bool(ring)
+
+
+def test_a_tool_that_stands_further_in_is_given_the_points_that_cut_the_rim():
+    """The tool is cut where it stands: 8 um in at a feed of 6 um, the first turn misses the rim."""
+    form, feed, setting = Expression("6*x**2-9*y**2+0.02*x"), 6e-6, ToolSetting(dx=-8e-6)
+    job = TurningJob(form, 1.2e-3, feed, rpm=60, core=1.17e-3, nose=RoundNose(SMALL))
+    theta = np.linspace(-np.pi, np.pi, 2001)
+    rim = np.full(theta.size, 1.2e-3)
+    cusp, left, lead_in = feed**2 / (8 * SMALL), [], None
+    for _ in range(2):
+        program = job.compensated(job.path(step=np.radians(3), lead_in=lead_in), tool=setting)
+        t = np.linspace(program.t[0], program.t[-1], 40 * len(program))
+        X, azimuth, Z = (
+            CubicSpline(program.t, v)(t) for v in (program.X, program.azimuth, program.Z)
+        )
+        cut = envelope(X - 8e-6, azimuth, Z, rim, theta)
+        left.append((cut - form(rim * np.cos(theta), rim * np.sin(theta))).max())
+        said = re.findall(r"leaves more than between turns; give lead_in = (\d+)", " ".join(program.messages))  # fmt: skip
+        lead_in = int(said[0]) if said else None
+    assert left[0] > 1.5 * cusp
+    assert left[1] < 1.02 * cusp
+    assert lead_in is None  # said once
+
+
+def disc_of(form, whole, reach):
+    """A map of 25 um whose pixels beyond a radius were not measured."""
+    y, x = np.mgrid[-60:61, -60:61] * 25e-6
+    z = np.where(np.hypot(x, y) <= reach, form(x, y), np.nan)[60 - whole : 61 + whole, 60 - whole : 61 + whole]  # fmt: skip
+    return GridForm(Surface(z, dx=25e-6, dy=25e-6, origin=(-whole * 25e-6, -whole * 25e-6)))
+
+
+@pytest.mark.parametrize("servo", ["Z", "XZ"])
+@pytest.mark.parametrize("bend", [9.0, -9.0], ids=["bowl", "dome"])
+def test_a_map_that_ends_at_the_rim_is_cut_up_to_it_or_refused_with_the_way_out(servo, bend):
+    form = Expression(f"{bend}*x**2+0.6*{bend}*y**2+0.01*x")
+    words = {"core": 0.93e-3, "nose": RoundNose(SMALL), "sense": "clockwise"}
+
+    def made(grid, **of_path):
+        job = TurningJob(grid, 1e-3, 10e-6, rpm=60, **words)
+        return job.program(job.path(step=np.radians(3), servo=servo, **of_path), servo=servo)
+
+    # pixels of a disc end within its circle, most of the rim has none
+    with pytest.raises(InvalidSamplesError, match=r"% of the circle of 1.* take a smaller radius, give a form"):  # fmt: skip
+        made(disc_of(form, 60, 1e-3))
+    touches = disc_of(form, 40, 9.0)  # the border of the map touches the rim
+    if servo == "XZ":  # contacts begin outside it
+        with pytest.raises(InvalidSamplesError, match=r"circle of 1\.015 mm .* give a form"):
+            made(touches)
+        with pytest.raises(InvalidSamplesError, match=r"contacts of servo XZ, the first at rho = 1\.01.*servo=\"Z\""):  # fmt: skip
+            made(touches, lead_in=130)
+    whole = disc_of(form, 60, 1.1e-3) if servo == "XZ" else touches
+    program = made(whole)
+    said = " ".join(program.messages)
+    assert ("air was assumed" in said) == (servo == "Z")
+    t = np.linspace(program.t[0], program.t[-1], 40 * len(program))
+    course = [CubicSpline(program.t, v)(t) for v in (program.X, program.azimuth, program.Z)]
+    rng = np.random.default_rng(2)
+    rho, theta = rng.uniform(0.98e-3, 1e-3, 2000), rng.uniform(-np.pi, np.pi, 2000)
+    rho[:500] = 1e-3
+    left = envelope(*course, rho, theta) - form(rho * np.cos(theta), rho * np.sin(theta))
+    assert left.min() > -0.1 * NM
+    assert left.max() < 1.02 * (10e-6) ** 2 / (8 * SMALL)
 
 
 RIPPLES = Expression("5*x**2+8*y**2+4e-7*sin(2*pi*y/1.5e-4)")

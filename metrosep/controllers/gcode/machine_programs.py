@@ -45,13 +45,13 @@ from metrosep.controllers.gcode.poses import (
 )
 from metrosep.controllers.gcode.rewrite import byte_lines, edited, format_feed, require_plain
 from metrosep.controllers.gcode.state import (
-    INCH,
     MM,
     ModalState,
     Token,
     decimals_of,
     format_number,
     refuse_block,
+    scale_of_unit,
     tokenize,
 )
 from metrosep.core import numbers
@@ -67,7 +67,6 @@ __all__ = ["is_program", "rewrite_machine_program"]
 
 _SHORTEST_TURN = 1e-3 / 60.0
 """In min: no control plans a block of less than a millisecond or so at the feed that it states."""
-_UNITS = {"mm": MM, "inch": INCH}
 _SAME_TIME = 0.1
 """Share by which a correction may change how long a turn takes, as an override does, before F must be known."""
 _FEWEST, _MOST_LOOKS = 16, 1 << 20
@@ -228,7 +227,7 @@ def rewrite_machine_program(
     if rotary_feed is not None:
         rotary_feed = numbers.choice(rotary_feed, "rotary_feed", ("linear", "all"))
     codes = frozenset(int(m) for m in harmless_m)
-    scale = None if unit is None else _UNITS[numbers.choice(unit, "unit", _UNITS)]
+    scale = scale_of_unit(unit)
     try:
         program = _Program(lines, tuple(kinds), scale, codes, diameter)
         machine = MachineWords(

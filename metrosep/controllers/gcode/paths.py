@@ -36,16 +36,15 @@ from metrosep.controllers.gcode.columns import (
 )
 from metrosep.controllers.gcode.corrections import PathCorrection, as_path_correction
 from metrosep.controllers.gcode.rewrite import Rewriter
-from metrosep.controllers.gcode.state import INCH, MM, ModalState, checked_system
+from metrosep.controllers.gcode.state import MM, ModalState, checked_system, scale_of_unit
 from metrosep.core import numbers
-from metrosep.core.errors import DataError, MetrosepError, UnitError
+from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.units import format_ends, format_length
 
 __all__ = ["PathResult", "rewrite_path"]
 
 PathLike = str | os.PathLike[str]
 
-_UNITS = {"mm": MM, "inch": INCH, "in": INCH}
 _STROKE = 100e-6
 _BEND = 0.1
 _STEEP = 1e-3
@@ -246,11 +245,9 @@ def rewrite_path(
     settings = _checked(
         Settings(axes, decimals, resolution, tolerance, outside, stroke, blocks_per_s, c_rollover)
     )
-    if unit is not None and unit not in _UNITS:
-        raise UnitError(f"unit is {unit!r}; it is 'mm' or 'inch'")
     made = as_path_correction(correction, c_sense=c_sense, c_zero=c_zero)
     state = ModalState(
-        scale=None if unit is None else _UNITS[unit],
+        scale=scale_of_unit(unit),
         diameter=diameter,
         stated_diameter=diameter is not None,
         harmless_m=frozenset(int(m) for m in harmless_m),

@@ -26,11 +26,13 @@ __all__ = [
     "decimals_of",
     "format_number",
     "refuse_block",
+    "scale_of_unit",
     "shape_of",
     "tokenize",
 ]
 
 MM, INCH = 1e-3, 25.4e-3
+_UNIT_WORDS = {"mm": MM, "inch": INCH, "in": INCH}
 
 _NEUTRAL = frozenset({90, 150, 170, 180, 190, 400, 610, 611, 690, 901, 911, 970, 500, 960})
 _FEEDS = {930: "G93", 940: "G94", 950: "G95", 980: "G98", 990: "G99"}
@@ -129,6 +131,15 @@ _BELONGS: dict[str, tuple[frozenset[int], frozenset[int]]] = {
 _MOTIONS = frozenset({0, 10, 20, 30})
 _AXES = "XCZ"
 _ALL_AXES = "XYZABCUVW"
+
+
+def scale_of_unit(unit: str | None) -> float | None:
+    """Return the metres of a unit that a caller states for a program without G20 or G21."""
+    if unit is None:
+        return None
+    if unit not in _UNIT_WORDS:
+        raise UnitError(f"unit is {unit!r}; it is 'mm' or 'inch'")
+    return _UNIT_WORDS[unit]
 
 
 @dataclass(slots=True)

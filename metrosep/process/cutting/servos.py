@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, LimitError
+from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process.tips import Edge, tip_heights
@@ -37,6 +37,13 @@ def contact_path(
     for first in range(0, rho.size, _BLOCK):
         part = slice(first, first + _BLOCK)
         X[part], azimuth[part], Z[part] = tips_at(form, rho[part], theta[part], circle)
+    bare = np.flatnonzero(np.isnan(Z))
+    if bare.size:
+        raise InvalidSamplesError(
+            f"the {form.name} has no height at {bare.size} contacts of servo XZ, the first at rho = "
+            f"{format_length(float(rho[bare[0]]))}, azimuth {math.degrees(float(theta[bare[0]])):.4g} degrees: give "
+            'a form that goes on there, end the path before, or take servo="Z", which needs no height under the tip'
+        )
     behind = np.flatnonzero(~(X >= 0.0))
     if behind.size:
         at = float(rho[behind].max())
