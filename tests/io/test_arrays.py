@@ -66,7 +66,9 @@ def test_few_columns_of_many_rows_are_asked_for(tmp_path, save, options):
 
 def test_whole_numbers_of_a_clock_keep_their_digits(tmp_path):
     counts = np.array([0, 3, 5, 100_007])
-    np.save(tmp_path / "a.npy", np.column_stack([1_772_719_629_500_000_001 + counts, [4, 1, 5, 2]]))
+    np.save(
+        tmp_path / "a.npy", np.column_stack([1_772_719_629_500_000_001 + counts, [4, 1, 5, 2]])
+    )
 
     read = ms.read(tmp_path / "a.npy", time="1:ns")
 

@@ -132,9 +132,7 @@ def test_a_count_from_a_date_keeps_all_its_digits(kind, put):
     texts = [str(start + k) for k in counts]
     if decimals:
         texts = [f"{t[:-decimals]}.{t[-decimals:]}" for t in texts]
-    text = f"{name};z_um\n" + "".join(
-        f"{t};{z}\n" for t, z in zip(texts, (*Z, 1.2), strict=True)
-    )
+    text = f"{name};z_um\n" + "".join(f"{t};{z}\n" for t, z in zip(texts, (*Z, 1.2), strict=True))
 
     read = ms.read(put(text), **({"time": f"{name}:{unit}"} if unit else {}))
 
