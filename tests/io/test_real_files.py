@@ -67,7 +67,7 @@ def test_imc_recordings(corpus, name, channel, unit, n, t_s, values):
 def test_mdf_recording_with_every_kind_of_conversion(corpus):
     recording = ms.read(corpus / "mdf4" / "test_metadata.mf4")
     expected = {
-        "SBYTE.IDENTICAL": [-124.0, -25.0],
+        "SBYTE.IDENTICAL": [-124.0 * 3600.0, -25.0 * 3600.0],  # hours in the file
         "UBYTE.HYPERBOLIC": [1 / 44, 1 / 143],
         "UBYTE.RAT_FUNC.DIV_10": [14.4, 24.3],
         "UBYTE.TAB_INTP_DEFAULT_VALUE": [111.0, 111.0],
@@ -84,3 +84,4 @@ def test_mdf_recording_with_every_kind_of_conversion(corpus):
     units = recording.metadata["units_in_file"]
     assert units["ASAM.M.SCALAR.UBYTE.TAB_INTP_DEFAULT_VALUE"] == "U/  min"
     assert units["ASAM.M.SCALAR.SBYTE.IDENTICAL"] == "hours"
+    assert recording.units["ASAM.M.SCALAR.SBYTE.IDENTICAL"] == "s"
