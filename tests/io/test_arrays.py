@@ -34,6 +34,47 @@ def test_profile_from_columns_and_from_a_step(tmp_path):
     assert by_step.dx == pytest.approx(0.5e-6, rel=1e-9, abs=0.0)
 
 
+X, DEVIATION = np.arange(12) * 0.25, np.array([3.0, 1, -4, 1, 5, 9, -2, 6, 5, 3, 5, 8])
+
+
+@pytest.mark.parametrize("kind", ["npy", "npz", "txt"])
+@pytest.mark.parametrize(
+    "options",
+    [{"unit": "mm,um"}, {"x": "1:mm", "z": "2:um"}, {"z": "2:um", "lateral_step": "250 um"}],
+)
+def test_columns_of_an_array_take_the_options_of_a_text_without_names(tmp_path, kind, options):
+    table = np.column_stack([X, DEVIATION])
+    path = tmp_path / f"a.{kind}"
+    {"npy": np.save, "npz": np.savez, "txt": np.savetxt}[kind](path, table)
+
+    profile = ms.read(path, **options)
+
+    np.testing.assert_allclose(profile.x, X * 1e-3, rtol=1e-15)
+    np.testing.assert_allclose(profile.z, DEVIATION * 1e-6, rtol=1e-15)
+
+
+@pytest.mark.parametrize("save", [np.save, np.savez])
+@pytest.mark.parametrize("options", [{}, {"unit": "um"}])
+def test_few_columns_of_many_rows_are_asked_for(tmp_path, save, options):
+    path = tmp_path / ("a.npy" if save is np.save else "a.npz")
+    save(path, np.column_stack([X, DEVIATION]))
+
+    with pytest.raises(ms.errors.AmbiguousFormatError, match=r"12 x 2 .* unit='mm,um'.* lateral_"):
+        ms.read(path, **options)
+    assert ms.read(path, unit="um", lateral_step="1 um").shape == (12, 2)
+
+
+def test_whole_numbers_of_a_clock_keep_their_digits(tmp_path):
+    counts = np.array([0, 3, 5, 100_007])
+    np.save(
+        tmp_path / "a.npy", np.column_stack([1_772_719_629_500_000_001 + counts, [4, 1, 5, 2]])
+    )
+
+    read = ms.read(tmp_path / "a.npy", time="1:ns")
+
+    np.testing.assert_allclose(read.t, counts * 1e-9, rtol=1e-15)
+
+
 @pytest.mark.parametrize(
     ("array", "match"),
     [

@@ -110,3 +110,39 @@ def test_a_clock_beside_dates_of_unknown_order_is_not_read_without_them(put):
     rows = "25-03-01,12:00:00,1\n25-03-02,12:00:01,2\n25-03-04,12:00:02,3\n"
     with pytest.raises(ReadError, match=r"line 2: .*begin with the year"):
         ms.read(put("date,time,probe_um\n" + rows))
+
+
+COUNTS = {
+    "FILETIME": ("FILETIME", 133_500_000_000_000_001, 0, 1e-7, None),
+    "ns since 1970": ("timestamp", 1_772_719_629_500_000_001, 0, 1e-9, None),
+    "ns that the caller declares": ("timestamp", 1_772_719_629_500_000_001, 0, 1e-9, "ns"),
+    "us in the name": ("t_us", 1_772_719_629_500_001, 0, 1e-6, None),
+    "ms that the caller declares": ("timestamp", 1_772_719_629_501, 0, 1e-3, "ms"),
+    "decimal s": ("timestamp", 1_772_719_629_123_457, 6, 1e-6, "s"),
+    "s to the ns in the name": ("t_s", 1_772_719_629_123_456_789, 9, 1e-9, None),
+    "s since 1904": ("timestamp", 3_855_600_000_250_001, 6, 1e-6, None),
+}
+"""Name, first count, how many of its digits are decimals, s of a count, the unit that the caller gives."""
+
+
+@pytest.mark.parametrize("kind", COUNTS)
+def test_a_count_from_a_date_keeps_all_its_digits(kind, put):
+    name, start, decimals, tick, unit = COUNTS[kind]
+    counts = [0, 3, 5, 100_007, 100_008, 200_001]  # no multiples of what a float of them resolves
+    texts = [str(start + k) for k in counts]
+    if decimals:
+        texts = [f"{t[:-decimals]}.{t[-decimals:]}" for t in texts]
+    text = f"{name};z_um\n" + "".join(f"{t};{z}\n" for t, z in zip(texts, (*Z, 1.2), strict=True))
+
+    read = ms.read(put(text), **({"time": f"{name}:{unit}"} if unit else {}))
+
+    assert [float(t) for t in read.t] == pytest.approx([k * tick for k in counts], rel=1e-15)
+    said = " ".join(read.metadata["warnings"])
+    assert "since" in said or f"first row, which is at {texts[0]}" in said
+
+
+def test_a_time_from_the_start_of_a_logger_stays(put):
+    read = ms.read(put("t_s;z_um\n" + "".join(f"{5.5 + k};{z}\n" for k, z in enumerate(Z))))
+
+    assert [float(t) for t in read.t] == [5.5, 6.5, 7.5, 8.5, 9.5]
+    assert read.metadata["warnings"] == ()

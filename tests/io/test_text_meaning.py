@@ -617,3 +617,39 @@ def test_a_marker_in_a_column_that_is_not_asked_for_blocks_no_other(put):
         assert sum(c["z_um"].size for c in stream.chunks(16)) == len(rows)
     with open_stream(path) as stream, pytest.raises(ms.errors.ReadError, match="holds 9999"):
         list(stream.chunks(16))
+
+
+LISTED = "Target (mm),Run 1 (µm),Run 2 (µm)\n0.00,1.5,2.5\n0.25,-1.0,2.0\n0.50,4.0,0.5\n"
+
+
+def test_a_list_of_units_that_agrees_with_the_names_is_no_contradiction(put):
+    """The word in front shifts the list: its mm stands above a column in um."""
+    path = put("Explore 4\nMachine,Lathe\nUnits,mm,µm\n\n" + LISTED)
+
+    profile = ms.read(path, x="Target (mm)", z="Run 1 (µm)")
+
+    assert [float(v) for v in profile.x] == pytest.approx([0.0, 0.25e-3, 0.5e-3], rel=1e-15)
+    assert [float(v) for v in profile.z] == pytest.approx([1.5e-6, -1e-6, 4e-6], rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("units", "names", "said"),
+    [
+        ("Units,mm,nm", LISTED, "lists mm, nm, and .* 'Run 1 .* in um"),
+        ("Units,in,µm", LISTED, "lists in, um, and .* 'Target .* in mm"),
+        ("Einheit,mm,µm", LISTED.replace(" (mm)", "").replace(" (µm)", ""), "'Run 1' without"),
+    ],
+)
+def test_a_list_of_units_that_does_not_agree_is_refused_with_both(put, units, names, said):
+    with pytest.raises(ms.errors.FormatMismatchError, match=rf"line 2 .*{said}.*skip_lines='2'"):
+        ms.read(put(f"Explore 4\n{units}\n\n{names}"), x="Target:mm", z="Run 1:um")
+
+
+def test_units_under_their_columns_count_one_by_one(put):
+    rows = "No,Target,Run 1\n1,0.00,1.5\n2,0.25,-1.0\n3,0.50,4.0\n"
+
+    profile = ms.read(put("Units,mm,µm\n" + rows), x="Target", z="Run 1")
+
+    assert profile.x[-1] == pytest.approx(0.5e-3, rel=1e-15)
+    with pytest.raises(ms.errors.FormatMismatchError, match="in nm by its name, but in um"):
+        ms.read(put("Units,mm,µm\n" + rows.replace("Run 1", "Run 1 (nm)")), x="Target", z="Run 1")

@@ -184,6 +184,7 @@ class _Columns(NamedTuple):
     columns: Sequence[Sequence[str]]
     are_texts: Sequence[bool]
     notes: tuple[str, ...] = ()
+    are_named: bool = True  # else they have numbers, as in a text without a row of names
 
 
 @dataclass
@@ -214,17 +215,17 @@ class _Container:
             for i, text in enumerate(columns[k])
         )
         numbers, notes = _numbers_as_text(
-            self.file, where, texts, options, lambda key: f"line {key[1] + 2}"
+            self.file, where, texts, options, lambda key: f"line {key[1] + 1 + table.are_named}"
         )
         if numbers:
             columns = [list(c) for c in columns]
             for (k, i), text in numbers.items():
                 columns[k][i] = text
         lines = [
-            "\t".join(_safe_names(table.names)),
+            *(["\t".join(_safe_names(table.names))] if table.are_named else []),
             *map("\t".join, zip(*columns, strict=True)),
         ]
-        part = f"{where} (line 1 holds the names)"
+        part = f"{where} (line 1 holds the names)" if table.are_named else where
         return Sheet(self.file, part, "\n".join(lines) + "\n", (*table.notes, *notes))
 
     def read(self, name: str) -> _Columns:
@@ -709,8 +710,9 @@ class _Arrays(_Container):
     def read(self, name: str) -> _Columns:
         names = next(names for names, _ in self._groups() if names[0] == name)
         values = [self.arrays[n] for n in names]
-        if values[0].ndim == 2:
-            names = [f"{name}{k + 1}" for k in range(values[0].shape[1])]
+        is_matrix = values[0].ndim == 2
+        if is_matrix:
+            names = [f"column{k + 1}" for k in range(values[0].shape[1])]
             values = list(values[0].T)
         _refuse_many(self.file, sum(v.size for v in values))
         return _Columns(
@@ -718,6 +720,7 @@ class _Arrays(_Container):
             [_of_array(v) for v in values],
             [v.dtype.kind in "US" for v in values],
             self.left,
+            are_named=not is_matrix,
         )
 
 

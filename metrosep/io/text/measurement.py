@@ -45,6 +45,7 @@ from metrosep.io.text.quality import is_truth
 from metrosep.io.text.table import (
     Column,
     ColumnSpec,
+    SinceFirst,
     Table,
     interruption,
     pick,
@@ -53,7 +54,7 @@ from metrosep.io.text.table import (
     to_si,
     without_empty_rows,
 )
-from metrosep.io.text.times import counted_moments
+from metrosep.io.text.times import LONG_AGO_S, counted_moments, is_long_count
 
 __all__ = [
     "SI_NAMES",
@@ -144,7 +145,7 @@ def _with_counted_time(table: Table) -> Table:
     for column in table.numbers if table.header.get("named", True) else ():
         is_clock = role_of(column.name) == "time" or column.name.strip().casefold() == "filetime"
         found = (
-            counted_moments(column.name, column.values)
+            counted_moments(column.name, column.values, table.since_first(column)[0])
             if is_clock and column.unit is None and column.values is not None
             else None
         )
@@ -155,7 +156,9 @@ def _with_counted_time(table: Table) -> Table:
                 f"column {column.name!r} has no unit, and its numbers were read as {found[1]}; give time= with "
                 "another unit if that is wrong"
             )
-            return replace(table, columns=columns, warnings=(*table.warnings, said))
+            exact = {k: v for k, v in table.exact.items() if k != column.name}
+            warnings = (*table.warnings, said)
+            return replace(table, columns=columns, warnings=warnings, exact=exact)
     return table
 
 
@@ -420,6 +423,8 @@ class _Made:
         """Return channels over the column of time, or over rows of one rate."""
         table = self.table
         t = np.empty(0) if timed is None or timed.values is None else timed.values
+        if timed is not None and timed.name in table.exact:
+            t, _ = table.since_first(timed)
         rises = bool((t[1:] > t[:-1]).all())
         repeats = np.flatnonzero(t[1:] == t[:-1]) if not rises else np.empty(0, dtype=np.intp)
         if repeats.size and sampling_rate is not None:
@@ -444,6 +449,14 @@ class _Made:
                 self.table = table = without_empty_rows(table)
                 timed = replace(table[timed.name], unit=timed.unit)
             t = to_si(self.file, timed, timed.unit, dimension="time", role="time")
+            if timed.unit is not None and np.fmin.reduce(np.abs(t), initial=np.inf) > LONG_AGO_S:
+                since, first = table.since_first(timed)
+                t = since * timed.unit.factor
+                said = (
+                    f"column {timed.name!r} counts from a date; its time is given from the first row, which is at "
+                    f"{first} {timed.unit.name}"
+                )
+                self.table = table = replace(table, warnings=(*table.warnings, said))
             unknown = np.flatnonzero(~np.isfinite(t))
             if unknown.size and "separator" in table.header:
                 line = int(table.lines[unknown[0]])
@@ -833,7 +846,7 @@ def map_as_surface(
 def columns_as_object(
     file: RawFile,
     format_id: str,
-    columns: Mapping[str, tuple[FloatArray, Unit | None]],
+    columns: Mapping[str, tuple[NDArray[Any], Unit | None]],
     header: Mapping[str, Any],
     **options: Any,
 ) -> Profile | Recording | Surface:
@@ -842,5 +855,11 @@ def columns_as_object(
         Column(name, unit, np.asarray(v, dtype=np.float64)) for name, (v, unit) in columns.items()
     )
     n = made[0].values.size if made and made[0].values is not None else 0
-    table = Table(made, np.arange(1, n + 1, dtype=np.int64), {"columns": tuple(columns), **header})
+    lines = np.arange(1, n + 1, dtype=np.int64)
+    exact = {
+        name: SinceFirst(str(v[0]), lines, (v - v[0]).astype(np.float64))
+        for name, (v, _) in columns.items()
+        if v.dtype.kind in "iu" and is_long_count(name, v)
+    }
+    table = Table(made, lines, {"columns": tuple(columns), **header}, exact=exact)
     return measurement(file, table, format_id, **options)

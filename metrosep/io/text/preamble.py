@@ -21,8 +21,12 @@ from metrosep.io.text.dialect import (
     n_used,
     split_header,
 )
+from metrosep.io.text.encoding import ROLE_WORDS
 
 __all__ = ["BEGUN", "Preamble"]
+
+_POSITIONS = frozenset(ROLE_WORDS["position"].split())
+"""Names of columns that have a unit, whatever stands above them."""
 
 _UNIT_WORDS = frozenset(
     [
@@ -57,6 +61,7 @@ class Preamble:
         self._names: list[str] | None = None
         self._units: list[Unit | None] | None = None
         self._as_written: list[str] = []  # the row of units
+        self._listed_at: tuple[int, str] | None = None  # units behind a word, above the names
         self._count: int | None = None
         self._named_at = (0, "")
         self._waiting: list[tuple[int, str]] = []
@@ -68,7 +73,8 @@ class Preamble:
         if is_drawn(line):
             return "rule"
         fields = [f.strip() for f in self._dialect.split([line])[0]]
-        if fields[0].rstrip(": ").casefold() in _UNIT_WORDS:
+        listed = fields[0].rstrip(": ").casefold() in _UNIT_WORDS
+        if listed:
             fields[0] = ""
         while len(fields) > self._n and not fields[-1]:
             fields.pop()
@@ -86,6 +92,8 @@ class Preamble:
             self._take_odd_names(number, empty)
             self._units = units * self._n if shared else units
             self._as_written = fields * self._n if shared else fields
+            if listed and self._names is None:
+                self._listed_at = (number, line.strip())
             self.rows.append(fields)
             return "units"
         names = self._names_of(line)
@@ -218,6 +226,8 @@ class Preamble:
                     f"{self._file.path}: column {name!r} names two units, {other.name} and {unit.name}; correct the "
                     "header"
                 )
+        if self._listed_at is not None and self._is_list(raw, units):
+            return tuple(names), tuple(units)
         for i, unit in enumerate(self._units or []):
             own = units[i]
             if own is not None and unit is not None and own != unit:
@@ -227,6 +237,28 @@ class Preamble:
                 )
             units[i] = own or unit
         return tuple(names), tuple(units)
+
+    def _is_list(self, names: Sequence[str], units: Sequence[Unit | None]) -> bool:
+        """Return whether the units above the names are a list that agrees with theirs, not one for each column.
+
+        The word in front takes the place of the first column: where that has a unit, or is a length by
+        its name, the others are not those below which they stand.
+        """
+        number, line = self._listed_at or (0, "")
+        first = header_unit(names[0])[0].strip(" _-.[](){}<>/").casefold()
+        if units[0] is None and first not in _POSITIONS:
+            return False
+        told = {u for u in self._units or () if u is not None}
+        if told == {u for u in units if u is not None}:
+            return True
+        said = ", ".join(
+            f"{n!r} in {u.name}" if u is not None else f"{n!r} without a unit"
+            for n, u in zip(names, units, strict=True)
+        )
+        raise FormatMismatchError(
+            f"{self._file.path}: line {number} ({line[:40]!r}) lists {', '.join(sorted(u.name for u in told))}, and "
+            f"the columns are {said}; leave that line out with skip_lines='{number}', or correct the header"
+        )
 
     def warnings(self, n_rows: int) -> tuple[str, ...]:
         """Return what is odd about the lines above a table of so many rows."""

@@ -12,7 +12,8 @@ import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from decimal import Decimal
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,11 +61,19 @@ from metrosep.io.text.dialect import (
 from metrosep.io.text.encoding import decode, encoding_of, plain_ends
 from metrosep.io.text.preamble import BEGUN, Preamble
 from metrosep.io.text.quality import bad_rows, marker_of
-from metrosep.io.text.times import Entries, Moments, is_moment, may_be_minutes, moments
+from metrosep.io.text.times import (
+    Entries,
+    Moments,
+    is_long_count,
+    is_moment,
+    may_be_minutes,
+    moments,
+)
 
 __all__ = [
     "Column",
     "ColumnSpec",
+    "SinceFirst",
     "Table",
     "TextTable",
     "interruption",
@@ -110,6 +119,14 @@ class Column:
     labels: tuple[str, ...] | None = None  # texts of a column of labels
 
 
+class SinceFirst(NamedTuple):
+    """Numbers of a clock of which a float does not hold every digit, from the first of them."""
+
+    first: str  # as it is written
+    lines: NDArray[np.int64]  # shape (n,): line of each row
+    values: FloatArray  # shape (n,): in the unit of the file, exact before the rounding to a float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
     """Columns of a text file."""
@@ -121,6 +138,8 @@ class Table:
     warnings: tuple[str, ...] = ()  # what is odd
     # mapping: how many lines of each class the text has, and which they are; empty for a recording
     ledger: Mapping[str, Any] = field(default_factory=dict)
+    # mapping: by name, columns whose numbers are longer than a float, such as decimal s since 1970
+    exact: Mapping[str, SinceFirst] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return int(self.lines.size)
@@ -137,6 +156,15 @@ class Table:
 
     def __getitem__(self, name: str) -> Column:
         return next(c for c in self.columns if c.name == name)
+
+    def since_first(self, column: Column) -> tuple[FloatArray, str]:
+        """Return numbers of a clock from the first of them, before any is rounded, and that first one."""
+        values = np.empty(0) if column.values is None else column.values
+        first = next((f"{v:.17g}" for v in values if np.isfinite(v)), "")
+        if (exact := self.exact.get(column.name)) is not None:
+            first = exact.first
+            values = exact.values[np.searchsorted(exact.lines, self.lines)]
+        return values - next((v for v in values if np.isfinite(v)), np.nan), first
 
 
 def read_table(file: RawFile, **text: Any) -> Table:
@@ -162,8 +190,11 @@ def read_table(file: RawFile, **text: Any) -> Table:
     columns = columns[len(names) :]
     columns, beyond = _with_quantities(file, columns, rows.lines, source.head)
     columns, clocks, undecided = with_moments(file, columns, rows.lines, source.head.options)
+    exact = source.exact(columns, rows.lines)
     columns = [*names, *columns]
-    odd, markers = markers_in(columns, rows.lines, source.head.options)
+    odd, markers = markers_in(
+        [c for c in columns if c.name not in exact], rows.lines, source.head.options
+    )
     odd += _marked_bad(columns[len(names) :], rows.lines)
     header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
     if undecided:
@@ -171,7 +202,7 @@ def read_table(file: RawFile, **text: Any) -> Table:
     if markers:
         header["markers"] = markers
     warnings = (*source.warnings, *beyond, *markers.values(), *odd, *undecided.values())
-    return Table(tuple(columns), rows.lines, header, warnings, source.lines)
+    return Table(tuple(columns), rows.lines, header, warnings, source.lines, exact)
 
 
 def text_of(file: RawFile, options: TextOptions | Mapping[str, Any]) -> RawFile:
@@ -398,6 +429,34 @@ class TextTable:
         if body.last_row and not text.endswith("\n") and text.endswith(body.last_row):
             self.warnings += tuple(cut_off(self._file, text, body.last_row, body.last_line))
         self.lines: Mapping[str, Any] = body.ledger.to_dict()
+
+    def exact(self, columns: Sequence[Column], lines: NDArray[np.int64]) -> dict[str, SinceFirst]:
+        """Return columns of long counts from their first number, by the digits that stand in the file.
+
+        A column whose fields are not the numbers that were read (one over several lines) is omitted.
+        """
+        long = [c for c in columns if c.values is not None and is_long_count(c.name, c.values)]
+        texts: dict[str, list[str]] = {c.name: [] for c in long}
+        places = [(texts[c.name], self.head.names.index(c.name)) for c in long]
+        dialect, above = self.head.layout.dialect, 0
+        for part, _ in self._texts() if long else ():
+            every = part.split("\n")
+            low, high = np.searchsorted(lines, [above + 1, above + len(every)])
+            rows = dialect.split(every[n] for n in (lines[low:high] - above - 1).tolist())
+            above += len(every) - 1
+            for own, k in places:
+                fields = (f[k].strip().strip('"') if k < len(f) else "" for f in rows)
+                own += [dialect.plain(f) or "nan" for f in fields]
+        found = {}
+        for c in long:
+            own = texts[c.name]
+            read = np.empty(0) if c.values is None else c.values
+            if np.array_equal(np.array(own, dtype=np.float64), read, equal_nan=True):
+                first = next(t for t in own if t != "nan")
+                start = Decimal(first)
+                since = np.array([float(Decimal(t) - start) for t in own])
+                found[c.name] = SinceFirst(first, lines, since)
+        return found
 
     def _texts(self) -> Iterator[tuple[str, bool]]:
         """Yield whole lines, and whether they are the last."""

@@ -19,10 +19,12 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError
 
 __all__ = [
+    "LONG_AGO_S",
     "Entries",
     "Moments",
     "RunningClock",
     "counted_moments",
+    "is_long_count",
     "is_moment",
     "may_be_minutes",
     "moments",
@@ -85,7 +87,9 @@ _COUNTED = (
     (3e4, 7.5e4, 86400.0, "days of a spreadsheet"),
 )
 """First and last number of each count of time in the years in which instruments write files."""
-_SURE = 1e17  # as a time since the start of anything, in whatever unit, more than three years
+LONG_AGO_S = 1e8
+"""Three years, longer than any recording: a time of so many s counts from a date."""
+_SURE = LONG_AGO_S * _SECOND  # as a time since the start of anything, in whatever unit
 _CALENDAR = re.compile(r"date|datum|unix|epoch|posix|filetime", re.IGNORECASE)
 """Names of a column that says when a row was, not how long after the start of a logger."""
 _STAMP = re.compile(r"time_?stamp|zeitstempel", re.IGNORECASE)
@@ -94,8 +98,23 @@ _FINE = {86400.0: 0.1 * 86400.0, 1e-3: 1.0}
 """Longest step in s of days (far below one) and of ms (as ns it would be 1 us: too fast for a table)."""
 
 
-def counted_moments(name: str, values: FloatArray) -> tuple[FloatArray, str] | None:
+def is_long_count(name: str, values: FloatArray) -> bool:
+    """Return whether numbers rise as a clock does, and a float may not hold all digits of the later ones."""
+    least = _COUNTED[-1][0] if _CALENDAR.search(name) else _COUNTED[-3][0]
+    if not values.size or values[0] < least:
+        return False
+    known = values[np.isfinite(values)]
+    if not known.size or not (known[-1] > 2.0**53 or np.any(known % 1.0)):
+        return False
+    return bool((np.diff(known) >= 0.0).all())
+
+
+def counted_moments(
+    name: str, values: FloatArray, since: FloatArray
+) -> tuple[FloatArray, str] | None:
     """Return numbers of a clock without a unit in s from the first, and what they count; else None.
+
+    `since` are the numbers from the first, with digits that `values` cannot hold.
 
     A time that runs from the start of a logger in ms has the numbers of days of a spreadsheet, one in
     us those of seconds since 1970: below `_SURE` the name must say that it is a date, and days, seconds
@@ -107,7 +126,7 @@ def counted_moments(name: str, values: FloatArray) -> tuple[FloatArray, str] | N
     for low, high, seconds, what in _COUNTED:
         if not known.size or low > known.min() or known.max() > high:
             continue
-        found = (values - known[0]) * seconds
+        found = since * seconds
         if low >= _SURE:
             return found, what
         steps = np.diff(known) * seconds
