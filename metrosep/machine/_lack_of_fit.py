@@ -164,6 +164,23 @@ class _Places:
             chance += w * float(f.sf(stat[i] / d, d, self.free))
         return min(chance * trials, 1.0), chosen, size
 
+    def unseen(self, shapes: _Shapes, chance: float) -> float:
+        """Return by how much one of a family, in the middle 2/3, misses the curves before it is named."""
+        from scipy.stats import f
+
+        _, W, Q, _ = self.cases[0]
+        c = shapes.columns[..., 0]
+        white = W @ c
+        bent = Q.T @ white
+        own = np.sum((white - Q @ bent) ** 2, axis=0)
+        left = c - np.linalg.solve(W, Q @ bent)
+        m = c.shape[1]
+        inner = np.arange(m)[m // 6 : m - m // 6]
+        trials = _independent((white - Q @ bent)[:, own > _LEFT * np.sum(white**2, axis=0)])
+        size = math.sqrt(float(f.isf(chance / trials, 1, self.free)))
+        height = size * np.max(np.abs(left[:, inner]), axis=0) / np.sqrt(own[inner])
+        return float(np.max(height))
+
 
 def _independent(columns: FloatArray) -> float:
     """Return how many independent shapes columns are (Li and Ji)."""
@@ -259,6 +276,7 @@ def lack_of_fit(
                 x = q[moved[0]][rows][np.unique(which, return_index=True)[1]]
                 tests.append((k, moved, x, found))
     said: list[str] = []
+    unseen: dict[tuple[str, str, str], tuple[float, str]] = {}
     factors: dict[str, float] = {}
     chance = _CHANCE / 5.0 / max(len(tests), 1)
     for k, moved, x, found in tests:
@@ -273,6 +291,10 @@ def lack_of_fit(
                 one, i, size = found.best(shapes, least)
                 if shapes.kind == "corner":
                     size *= float(x[-1]) - shapes.at[i][0]
+                if shapes.kind in ("corner", "bump"):
+                    key, limit = (shapes.kind, moved[0], read), found.unseen(shapes, chance)
+                    if limit > unseen.get(key, (least, ""))[0]:
+                        unseen[key] = limit, problem.labels[k]
                 if one < chance and (one < best[0] or not best[1]):
                     best = (one, shapes.kind, shapes.at[i], size)
         if best[0] >= chance:
@@ -291,4 +313,10 @@ def lack_of_fit(
                 f"differ (F = {F:.3g}); u does not contain that{u}: give a higher degree of {' or '.join(moved)}, "
                 "ask for more terms, or check its tool point"
             )
+    said += [
+        f"{label}: a {kind} of {axis} that the curves miss by less than {format_engineering(limit, read)} may pass "
+        f"unseen, and u does not contain it: where one is likely, give a degree of {axis} that follows it, or read "
+        "more often"
+        for (kind, axis, read), (limit, label) in unseen.items()
+    ]
     return said, factors, {k for k, *_ in tests}
