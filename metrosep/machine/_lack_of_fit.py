@@ -23,7 +23,7 @@ from metrosep.machine._drift_noise import inverse_times
 from metrosep.machine._reading_problem import Problem
 from metrosep.machine.instruments import Instrument
 
-_CHANCE = 0.01
+_CHANCE = 0.005
 """Of a message without a shape, over all sets."""
 _FREE, _FEWEST, _MOST = 10, 12, 300
 """Repeats, and places, below which nothing is judged; places that are looked at, at most."""
