@@ -38,7 +38,7 @@ _LEFT = 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Shapes:
+class Shapes:
     """Columns of a family over the places; of a wave two that belong together."""
 
     kind: str
@@ -46,17 +46,17 @@ class _Shapes:
     at: list[tuple[float, float]]  # where each begins and ends, or its length
 
 
-def _families(x: FloatArray, is_turn: bool) -> list[_Shapes]:
+def families(x: FloatArray, is_turn: bool) -> list[Shapes]:
     """Return jumps, corners, bumps and waves over sorted places."""
     n, span = x.size, float(np.ptp(x))
     edges = range(1, n - 2)
     found = [
-        _Shapes(
+        Shapes(
             "jumps",
             np.stack([x > x[k] for k in edges], axis=1)[..., None].astype(np.float64),
             [(float(x[k]), float(x[k + 1])) for k in edges],
         ),
-        _Shapes(
+        Shapes(
             "corner",
             np.maximum(x[:, None] - x[2:-2], 0.0)[..., None],
             [(float(v), float(v)) for v in x[2:-2]],
@@ -68,36 +68,44 @@ def _families(x: FloatArray, is_turn: bool) -> list[_Shapes]:
             for k in range(n - width + 1):
                 bumps.append((np.arange(n) >= k) & (np.arange(n) < k + width))
                 at.append((float(x[k]), float(x[k + width - 1])))
-    found.append(_Shapes("bump", np.stack(bumps, axis=1)[..., None].astype(np.float64), at))
+    found.append(Shapes("bump", np.stack(bumps, axis=1)[..., None].astype(np.float64), at))
     if is_turn:
         twice, span = 2 * np.arange(3, n // 2 + 1), 2.0 * math.pi
     else:
         twice = np.arange(6, n)
     turns = math.pi * twice / span * (x[:, None] - (0.0 if is_turn else x[0]))
     waves = np.stack([np.cos(turns), np.sin(turns)], axis=2)
-    found.append(_Shapes("waves", waves, [(2.0 * span / m,) * 2 for m in twice.tolist()]))
+    found.append(Shapes("waves", waves, [(2.0 * span / m,) * 2 for m in twice.tolist()]))
     return found
 
 
-class _Places:
-    """The means of one series of readings at its places, under each drift that its repeats allow."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Places:
+    """The means of readings at their places, under each drift that repeats allow, the likeliest first."""
 
-    def __init__(
-        self,
+    cases: list[tuple[float, FloatArray, FloatArray, FloatArray]]
+    """Weight, whitening of the places, whitened columns of the model (orthonormal), what these leave."""
+    free: int  # repeats
+    degrees: int = 0
+
+    @classmethod
+    def of(
+        cls,
         y: FloatArray,
         index: FloatArray,
         which: NDArray[np.intp],
         model: FloatArray,
         step: float,
-    ) -> None:
+    ) -> Places:
+        """Return the places of one series of readings."""
         count = int(which.max()) + 1
         S = (which[:, None] == np.arange(count)).astype(np.float64)
-        self.free = y.size - count
-        floor = self.free * max(step**2 / 12.0, _NOTHING**2)
+        free = y.size - count
+        floor = free * max(step**2 / 12.0, _NOTHING**2)
         first = np.unique(which, return_index=True)[1]
         U, singular, _ = np.linalg.svd(model[first], full_matrices=False)
-        self.model = U[:, singular > 1e-9 * singular.max(initial=0.0)]
-        self.degrees = count - self.model.shape[1]
+        known = U[:, singular > 1e-9 * singular.max(initial=0.0)]
+        degrees = count - known.shape[1]
         cases, value, prior = [], [], []
         for a, tau in [(0.0, 10.0), *_DRIFTS]:
             solved, logdet = inverse_times(np.column_stack([S, y]), index, a, tau)
@@ -106,13 +114,13 @@ class _Places:
             b = S.T @ solved[:, -1]
             mean = np.linalg.solve(M, b)
             square = max(float(y @ solved[:, -1]) - float(b @ mean), floor)
-            cases.append((L, mean, square / self.free))
+            cases.append((L, mean, square / free))
             logs = logdet + 2.0 * float(np.log(np.diag(L)).sum())
-            value.append(logs + self.free * math.log(square))
+            value.append(logs + free * math.log(square))
             prior.append(0.5 if a == 0.0 else 0.5 / len(_DRIFTS))
         weights = np.array(prior) * np.exp(-0.5 * (np.array(value) - min(value)))
         weights /= weights.sum()
-        self.cases = []
+        found = []
         for w, (L, mean, s2) in zip(weights, cases, strict=True):
             if w < 1e-3:
                 continue
@@ -120,12 +128,12 @@ class _Places:
             inverse = np.linalg.inv(L)
             C = s2 * inverse.T @ inverse + np.eye(count) * step**2 / 12.0
             W = np.linalg.inv(np.linalg.cholesky(C))
-            Q = np.linalg.qr(W @ self.model)[0]
+            Q = np.linalg.qr(W @ known)[0]
             r = W @ mean
-            self.cases.append((float(w), W, Q, r - Q @ (Q.T @ r)))
-        self.cases.sort(key=lambda case: -case[0])
-        total = sum(case[0] for case in self.cases)
-        self.cases = [(w / total, *rest) for w, *rest in self.cases]
+            found.append((float(w), W, Q, r - Q @ (Q.T @ r)))
+        found.sort(key=lambda case: -case[0])
+        total = sum(case[0] for case in found)
+        return cls([(w / total, *rest) for w, *rest in found], free, degrees)
 
     def whole(self) -> tuple[float, float]:
         """Return chance and F of the lack of fit."""
@@ -138,14 +146,14 @@ class _Places:
         )
         return chance, values[0]
 
-    def best(self, shapes: _Shapes, least: float) -> tuple[float, int, float]:
+    def best(self, shapes: Shapes, least: float) -> tuple[float, int, float]:
         """Return chance, number and size of the best of a family; its size is above the least."""
         from scipy.stats import f
 
         chance, chosen, size, trials = 0.0, 0, 0.0, 1.0
         n, m, d = shapes.columns.shape
         for k, (w, W, Q, r) in enumerate(self.cases):
-            C = (W @ shapes.columns.reshape(n, -1)).reshape(n, m, d)
+            C = (W @ shapes.columns.reshape(n, -1)).reshape(W.shape[0], m, d)
             raw = np.sum(C**2, axis=0)
             C = C - np.tensordot(Q, np.tensordot(Q, C, (0, 0)), (1, 0))
             good = np.all(np.sum(C**2, axis=0) > _LEFT * raw, axis=1)
@@ -160,11 +168,11 @@ class _Places:
             i = int(np.argmax(stat))
             if k == 0:
                 chosen, size = i, float(found[i, 0] if d == 1 else np.linalg.norm(found[i]))
-                trials = _independent(C[:, good].reshape(n, -1)) / d
+                trials = _independent(C[:, good].reshape(W.shape[0], -1)) / d
             chance += w * float(f.sf(stat[i] / d, d, self.free))
         return min(chance * trials, 1.0), chosen, size
 
-    def unseen(self, shapes: _Shapes, chance: float) -> float:
+    def unseen(self, shapes: Shapes, chance: float) -> float:
         """Return by how much one of a family, in the middle 2/3, misses the curves before it is named."""
         from scipy.stats import f
 
@@ -239,6 +247,31 @@ def sentence(
     return f"{label}: what the curves leave {what}; {why}, and u does not contain it{u}: {remedy}"
 
 
+def rings_left(
+    label: str, x: FloatArray, white: FloatArray, model: FloatArray, rest: FloatArray, parts: int
+) -> list[str]:
+    """Return a sentence where what is left of a map has a step or a ridge round its axis.
+
+    x are the radii of its rings, `white` their whitened columns, `model` the orthonormal ones, `rest` what
+    these leave: whitened by the noise that was found, so of variance 1.
+    """
+    found = Places([(1.0, white, model, rest)], rest.size - model.shape[1])
+    best: tuple[float, str, tuple[float, float], float] = (
+        _CHANCE / 2.0 / parts,
+        "",
+        (0.0, 0.0),
+        0.0,
+    )
+    for shapes in families(x, False):
+        if shapes.kind in ("jumps", "bump"):
+            one, i, size = found.best(shapes, _NOTHING)
+            if one < best[0]:
+                best = (one, shapes.kind, shapes.at[i], size)
+    if not best[1]:
+        return []
+    return [sentence(label, best[1], "radius", "m", "m", best[2], best[3], "")]
+
+
 def lack_of_fit(
     problem: Problem, current: Sequence[Instrument], good: Sequence[NDArray[np.bool_]]
 ) -> tuple[list[str], dict[str, float], set[int]]:
@@ -269,7 +302,7 @@ def lack_of_fit(
             design = design / np.linalg.norm(design, axis=0)
             if rows.size - kept.size < _FREE or kept.size < max(_FEWEST, design.shape[1] + 2):
                 continue
-            found = _Places(
+            found = Places.of(
                 left[rows, c], rows.astype(np.float64), which, design, problem.steps[k]
             )
             if found.degrees > 1:
@@ -287,7 +320,7 @@ def lack_of_fit(
         unit = "rad" if problem.chain.dimensions.get(moved[0]) == "angle" else "m"
         if len(moved) == 1:
             is_turn = unit == "rad" and float(np.ptp(x)) > 1.9 * math.pi
-            for shapes in _families(x, is_turn):
+            for shapes in families(x, is_turn):
                 one, i, size = found.best(shapes, least)
                 if shapes.kind == "corner":
                     size *= float(x[-1]) - shapes.at[i][0]

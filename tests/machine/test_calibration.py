@@ -685,12 +685,12 @@ def test_the_sum_that_is_known_of_two_lines_is_told():
 
 AWAY_NM = {
     "bump": lambda x: 300.0 * (np.abs(x - 0.13) < 0.006),
-    "jumps": lambda x: -200.0 * (x > 0.13),  # four times the noise
+    "jumps": lambda x: -300.0 * (x > 0.13),
     "bends": lambda x: 15e3 * np.maximum(x - 0.13, 0.0),  # 4.05 um at the end of the travel
     "repeats": lambda x: 120.0 * np.sin(2 * np.pi * x / 0.08 + 0.4),
     "": lambda x: 0.0 * x,
 }
-SIZE_NM = {"bump": 300.0, "jumps": -200.0, "bends": 4050.0, "repeats": 120.0}
+SIZE_NM = {"bump": 300.0, "jumps": -300.0, "bends": 4050.0, "repeats": 120.0}
 
 
 @pytest.mark.parametrize("kind", AWAY_NM)
