@@ -62,6 +62,7 @@ class _Commands(click.Group):
         """Return the command that is called; of a name that is none, say which one is near."""
         import difflib
 
+        args = _other_door(args)
         near = difflib.get_close_matches(args[0], list(_HOMES), n=1)
         if args[0] in _HOMES or not near or args[0].startswith("-"):
             return super().resolve_command(ctx, args)
@@ -74,6 +75,20 @@ class _Commands(click.Group):
                 formatter.write_dl([(n, _first_sentence(n)) for n in homes], col_max=18)
         with formatter.section("Examples"):
             formatter.write_text("\b\n" + "\n".join(_EXAMPLES))
+
+
+def _other_door(args: list[str]) -> list[str]:
+    """Return the call that ``identify MACHINE FILE`` and ``table --from-machine MACHINE`` are."""
+    if args[0] == "identify":
+        machine = [v for v in args[1:2] if not v.startswith("-")]
+        return ["form", *args[1 + len(machine) :], *(f"--identify={v}" for v in machine)]
+    at = next((i for i, v in enumerate(args) if v.partition("=")[0] == "--from-machine"), 0)
+    if args[0] != "table" or not at:
+        return args
+    _, is_joined, value = args[at].partition("=")
+    after = at + (1 if is_joined else 2)
+    machine = [value] if is_joined else args[at + 1 : after]
+    return ["machine-tables", *machine, *args[1:at], *args[after:]]
 
 
 def _require_place(_: click.Context, option: click.Parameter, value: Any) -> Any:

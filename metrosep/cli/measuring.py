@@ -543,7 +543,8 @@ def form(
 ) -> int:
     """Fit an ideal surface to FILE: parameters with uncertainties, and what is left.
 
-    With --identify: the errors of the machine, or of the tool setting, that explain the map.
+    With --identify: the errors of the machine, or of the tool setting, that explain the map;
+    'metrosep identify MACHINE FILE' is that call.
     """
     if identify is not None:
         given = {"fix": fix, "start": start, "robust": robust, "residual": residual}

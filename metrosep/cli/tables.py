@@ -84,6 +84,7 @@ def table(
     polynomials; a list of a positioning test (laser, ISO 230-2) for the pitch error of an axis; runs,
     which are separated first (--x, --z); or the measured map of an error for controllers that hold
     maps. 'metrosep controllers NAME' lists what a controller needs (--machine NAME=VALUE).
+    'metrosep table --from-machine MACHINE ERRORS...' is 'metrosep machine-tables MACHINE ERRORS...'.
 
     Exit code 1: it makes the error larger, removes less than 30 % of it, exceeds a limit, or its sign
     is not confirmed. 3: the readings do not show whether it helps. Nothing is written then.

@@ -9,15 +9,15 @@ its noise.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TooFewSamplesError
-from metrosep.core.units import format_engineering
 from metrosep.machine._drift_noise import Fit, Gls, inverse_times
+from metrosep.machine._lack_of_fit import sentence
 from metrosep.machine._reading_problem import (
     Problem,
     System,
@@ -43,11 +43,6 @@ _LINE = (
 _SHOWN = 5.0
 """Standard deviations by which other sets must show what they foretell."""
 _ROUNDING = 1e-9
-_WIDTHS, _WINDOWS = (1, 2, 4, 8), 6
-"""Places over which a shape is looked for that comes back, and times that its way must hold them."""
-_COMES_BACK = 6.0
-"""Robust standard deviations: 12 differences know their scatter to a third, and 5 are once in 1e4 of 60 places."""
-_NOTHING = 1e-12  # m or rad: what is less is rounding and second order
 _DRAWN = 0.5
 """Share of the readings, repeats at one place counted once, that coefficients may take."""
 
@@ -127,14 +122,14 @@ def _cost(system: System, fit: Fit, floors: FloatArray) -> float:
     return float(total)
 
 
-def shapes_left(problem: Problem, system: System, fit: Fit) -> list[str]:
-    """Return a sentence for each set whose residuals repeat, or jump, with the place of an axis."""
+def shapes_left(problem: Problem, system: System, fit: Fit, judged: Collection[int]) -> list[str]:
+    """Return a sentence for each set, but those judged by repeats, whose residuals repeat, or jump, with an axis."""
     rest = system.y - system.design @ fit.beta
     found: dict[str, tuple[float, str]] = {}
     tried, kinds = 0, problem.chain.dimensions
     rest_of = {e.name: set(element_terms(e)) - set(problem.wanted) for e in problem.chain.elements}
     for stream in system.streams:
-        if not stream.rows.size:
+        if not stream.rows.size or stream.which in judged:
             continue
         reading, label = problem.sets[stream.which], problem.labels[stream.which]
         n = np.asarray(reading.values).shape[0]
@@ -158,16 +153,9 @@ def shapes_left(problem: Problem, system: System, fit: Fit) -> list[str]:
             k = int(np.argmax(stat))
             if stat[k] > found.get(label, (0.0, ""))[0]:
                 length = 2.0 * span / float(twice[k])
-                every = (
-                    f"{math.degrees(length):.3g} deg"
-                    if unit == "rad"
-                    else format_engineering(length, "m")
-                )
-                text = (
-                    f"{label}: what the curves leave repeats every {every} of {axis}, amplitude "
-                    f"{format_engineering(float(size[k]), read)}; no order that was fitted follows it, and u "
-                    f"does not contain it: give a degree of {axis} that follows it"
-                    f"{', or a term that was not asked for' if rest_of[axis] else ''}"
+                of = ", or a term that was not asked for" if rest_of[axis] else ""
+                text = sentence(
+                    label, "waves", axis, unit, read, (length, length), float(size[k]), "", of
                 )
                 found[label] = (float(stat[k]), text)
             # two places on either side at least: one that stands out alone is no jump
@@ -176,68 +164,10 @@ def shapes_left(problem: Problem, system: System, fit: Fit) -> list[str]:
             stat, size = _jumps(x[:, None] > edges, rest[stream.rows], system, stream, fit)
             k = int(np.argmax(stat))
             if stat[k] > found.get(label, (0.0, ""))[0]:
-                ends = " and ".join(format_engineering(float(v), unit) for v in own[k + 1 : k + 3])
-                text = (
-                    f"{label}: what the curves leave jumps by {format_engineering(float(size[k]), read)} "
-                    f"between {axis} = {ends}; no order follows a jump, and u does not contain it: look for a "
-                    "joint, a grid error of the scale or a loose guide there, and calibrate the travel on each "
-                    "side by itself"
-                )
+                ends = (float(own[k + 1]), float(own[k + 2]))
+                text = sentence(label, "jumps", axis, unit, read, ends, float(size[k]), "")
                 found[label] = (float(stat[k]), text)
     return [text for stat, text in found.values() if math.exp(-0.5 * stat) * tried < _CHANCE]
-
-
-def shapes_that_come_back(
-    problem: Problem, current: list[Instrument], system: System, beta: FloatArray
-) -> list[str]:
-    """Return a sentence for each set whose residuals, refused readings too, agree where an axis is twice.
-
-    Of two readings of a place the mean holds a shape and noise, half the difference noise and drift alone:
-    means over 1 to 8 places beyond what differences over as many scatter are a shape, also where drift of
-    a few readings explains it as well.
-    """
-    said = []
-    for k, (reading, label) in enumerate(zip(problem.sets, problem.labels, strict=True)):
-        block, left = problem.block(k, current[k])
-        n = left.shape[0]
-        q = {a: np.broadcast_to(np.ravel(np.asarray(v)), (n,)) for a, v in reading.q.items()}
-        moved = [a for a, v in q.items() if float(np.ptp(v)) > 1e-9]
-        for off in (left - block @ beta).T if len(moved) == 1 else ():
-            x, y = np.round(q[moved[0]], 9)[np.isfinite(off)], off[np.isfinite(off)]
-            own, which = np.unique(x, return_inverse=True)
-            first = np.full(own.size, -1)
-            last = first.copy()
-            last[which] = np.arange(x.size)
-            first[which[::-1]] = np.arange(x.size)[::-1]
-            twice = np.flatnonzero(last > first)
-            one, two = y[first[twice]], y[last[twice]]
-            best, size, at = 0.0, 0.0, (0, 0)
-            for width in _WIDTHS:
-                if twice.size < max(_FEWEST, _WINDOWS * width):
-                    break
-                mean, half = (
-                    np.convolve(0.5 * (two + sign * one), np.full(width, 1.0 / width), "valid")
-                    for sign in (1.0, -1.0)
-                )
-                floor = max(float(problem.steps[k]) / math.sqrt(12.0), _NOTHING)
-                scale = max(1.4826 * float(np.median(np.abs(half))), floor)
-                i = int(np.argmax(np.abs(mean)))
-                if abs(float(mean[i])) > best * scale:
-                    best, size = abs(float(mean[i])) / scale, float(mean[i])
-                    at = (i, i + width - 1)
-            if best > _COMES_BACK:
-                unit = "rad" if problem.chain.dimensions.get(moved[0]) == "angle" else "m"
-                ends = " to ".join(
-                    dict.fromkeys(format_engineering(float(own[twice[i]]), unit) for i in at)
-                )
-                read = "rad" if reading.instrument.is_angle else "m"
-                said.append(
-                    f"{label}: near {moved[0]} = {ends} the curves miss what was read there by "
-                    f"{format_engineering(size, read)} each time, so it is a shape and no noise; no order follows it, "
-                    "and u does not contain it: look for a corner, a bump or a jump of the axis there"
-                )
-                break
-    return said
 
 
 def factors_of_sets(problem: Problem, system: System, fit: Fit) -> list[str]:

@@ -25,6 +25,7 @@ from metrosep.core.units import format_engineering, format_length
 from metrosep.forms.conic import Plane
 from metrosep.machine._bases import Basis, UnseenTerm, first_harmonic, null_sentences
 from metrosep.machine._curve_orders import chosen_orders, covered, fold_of, taken_for
+from metrosep.machine._lack_of_fit import rings_left
 from metrosep.machine._measured import Measured, measured_points
 from metrosep.machine._mesh import Positions, axis_positions
 from metrosep.machine._reading_problem import NULL, ROUNDS, axis_of_term, columns_of
@@ -64,6 +65,8 @@ _ROUNDING = 1e-13
 
 _REFUSED, _GROSS = 4.0, 8.0
 _CHANCE = 1e-4
+_RINGS = 6
+"""Rings below which no step is looked for."""
 _ALIKE = 0.9
 _FURTHER = {"linear": 4, "rotary": 3}
 """Orders and harmonics that a term which was not asked for is tried with."""
@@ -88,6 +91,8 @@ class _Part:
     )
     radius: float
     fold: NDArray[np.intp]  # (n,): which sixth of the map a bin is left out with
+    ring: NDArray[np.intp]  # (n,): number of its ring
+    radii: FloatArray  # m, the middle of each ring
 
     def likeness(self, kind: str, length: float, used: NDArray[np.bool_]) -> FloatArray:
         """Return the correlation of the means of used bins, of a kernel over a length.
@@ -335,6 +340,8 @@ def _binned(
         np.stack([np.add.outer(v, v) for v in moments.T]),
         outer,
         fold_of(kept // n_azimuth, kept % n_azimuth, n_rho, n_azimuth),
+        kept // n_azimuth,
+        inner + (np.arange(n_rho) + 0.5) / n_rho * (outer - inner),
     )
 
 
@@ -650,8 +657,11 @@ def _found(
     u = np.sqrt(np.maximum(np.diag(estimate.cov), 0.0))
     unknowns, residuals, refused, noise = {}, {}, {}, {}
     messages = [*notes, *(note for part in parts for note in part.measured.notes)]
-    begin = p
-    for part, good, its in zip(parts, used, noises, strict=True):
+    begin, at = p, 0
+    span = np.linalg.qr(
+        np.concatenate([w for _, w in whitened])[:, :-1] / estimate.sizes @ estimate.V
+    )[0]
+    for part, good, its, (L, rows) in zip(parts, used, noises, whitened, strict=True):
         mine = np.arange(begin, begin + len(part.own_names))
         begin += mine.size
         unknowns[part.label] = freeze_mapping(
@@ -663,6 +673,9 @@ def _found(
         refused[part.label] = int(np.count_nonzero(~good))
         noise[part.label] = its.scale
         messages += _about_noise(part, its, refused[part.label])
+        mine = np.arange(at, at + rows.shape[0])
+        at += rows.shape[0]
+        messages += _rings(part, good, L, rows[:, -1], span[mine], len(parts))
     messages += _about(chain, bases, gauge, dead)
     missing, alike = _not_explained(chain, further, parts, used, estimate, whitened, bases)
     if missing:
@@ -708,6 +721,27 @@ def _found(
             }
         ),
     )
+
+
+def _rings(
+    part: _Part,
+    used: NDArray[np.bool_],
+    L: FloatArray,
+    y: FloatArray,
+    model: FloatArray,
+    parts: int,
+) -> list[str]:
+    """Return a sentence where what is left of a part has a step or a ridge round its axis."""
+    from scipy.linalg import solve_triangular
+
+    kept, which = np.unique(part.ring[used], return_inverse=True)
+    if kept.size < _RINGS:
+        return []
+    white = solve_triangular(L, (which[:, None] == np.arange(kept.size)).astype(float), lower=True)
+    # beside the model of this part alone: other parts only hold it tighter
+    U, singular, _ = np.linalg.svd(model, full_matrices=False)
+    Q = U[:, singular > NULL * singular.max(initial=0.0)]
+    return rings_left(part.label, part.radii[kept], white, Q, y - Q @ (Q.T @ y), parts)
 
 
 def _about_noise(part: _Part, noise: _Noise, refused: int) -> Iterator[str]:

@@ -25,13 +25,13 @@ from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_engineering, format_length
 from metrosep.machine._bases import Basis, CurveTerm, UnseenTerm, null_sentences
 from metrosep.machine._drift_noise import Fit, rounding_covariance
+from metrosep.machine._lack_of_fit import lack_of_fit
 from metrosep.machine._model_choice import (
     factors_of_sets,
     lines_left,
     raised_degrees,
     sets_that_add_nothing,
     shapes_left,
-    shapes_that_come_back,
 )
 from metrosep.machine._reading_problem import (
     LARGEST,
@@ -400,8 +400,9 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     ]
     messages += sets_that_add_nothing(problem, system)
     messages += lines_left(problem, system, fit)
-    messages += shapes_left(problem, system, fit)
-    messages += shapes_that_come_back(problem, current, system, beta)
+    lacks, raised, judged = lack_of_fit(problem, current, found.good)
+    messages += lacks
+    messages += shapes_left(problem, system, fit, judged)
     messages += factors_of_sets(problem, system, fit)
     messages += repeated_rows(sets, problem.labels, fit.scales)
     messages += _louder(sets, problem.labels, noise)
@@ -418,6 +419,10 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
                 f"the model lacks something: residuals are {birge:.3g} times the stated noise; all u "
                 "are raised by it"
             )
+    factor = np.ones(len(problem.names))
+    for i, name in enumerate(problem.names[: problem.n_terms]):
+        factor[i] = raised.get(axis_of_term(chain, name.split(" ")[0]), 1.0)
+    cov = cov * np.outer(factor, factor)
     p = problem.n_terms
     blind = system.blind / system.sizes[:, None]
     null, members = null_sentences(system.blind, problem.names)

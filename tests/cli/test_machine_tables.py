@@ -474,7 +474,8 @@ def test_files_that_together_make_the_volume_worse_are_refused(metrosep, stack):
     assert code == 1
     assert "together do not shrink the error of the tool point" in err
     assert sorted(p.name for p in stack.iterdir()) == before
-    assert metrosep(*call, "--reference", "0 mm,0 mm,-100 mm")[0] == 0  # b (z + 100 mm) is left
+    other = ("table", *call[2:], "--reference", "0 mm,0 mm,-100 mm", "--from-machine", call[1])
+    assert metrosep(*other)[0] == 0  # b (z + 100 mm) is left
 
 
 # ---- lists of positions, corrected by the machine ---------------------------------------------------

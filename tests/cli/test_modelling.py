@@ -208,7 +208,7 @@ def test_machine_is_identified(metrosep, tmp_path):
         + 1e-9 * np.random.default_rng(1).standard_normal(x.shape)
     )
     ms.write(ms.Surface(np.where(rho <= 0.02, z, np.nan), 1e-3, 1e-3), tmp_path / "m.h5")
-    words = ("form", tmp_path / "m.h5", "--identify", "fts_lathe", *TORIC, "--terms", "B0Z,EYX")
+    words = ("identify", "fts_lathe", tmp_path / "m.h5", *TORIC, "--terms", "B0Z,EYX")
     code, out, err = metrosep(*words, "--json", "-o", tmp_path / "out")
 
     assert code == 0, err
@@ -219,6 +219,7 @@ def test_machine_is_identified(metrosep, tmp_path):
     code, _, err = metrosep(*words[:-1], "B0Z,NOPE")
     assert code == USAGE
     assert "'NOPE' is not an error term" in err
+    assert "Missing argument 'FILE'" in metrosep("identify", "fts_lathe")[2]
 
 
 @pytest.mark.parametrize(

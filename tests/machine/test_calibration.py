@@ -683,20 +683,35 @@ def test_the_sum_that_is_known_of_two_lines_is_told():
     assert 2.0 < float(u) < 5.0  # 20 nm / sqrt(40)
 
 
-@pytest.mark.parametrize("bump", [0.0, 0.6e-6])
-def test_a_bump_that_comes_back_is_named(bump):
-    # both ways over a slide: what comes back at a place is no drift, and refusing it is no cure
+AWAY_NM = {
+    "bump": lambda x: 300.0 * (np.abs(x - 0.13) < 0.006),
+    "jumps": lambda x: -300.0 * (x > 0.13),
+    "bends": lambda x: 15e3 * np.maximum(x - 0.13, 0.0),  # 4.05 um at the end of the travel
+    "repeats": lambda x: 120.0 * np.sin(2 * np.pi * x / 0.08 + 0.4),
+    "": lambda x: 0.0 * x,
+}
+SIZE_NM = {"bump": 300.0, "jumps": -300.0, "bends": 4050.0, "repeats": 120.0}
+
+
+@pytest.mark.parametrize("kind", AWAY_NM)
+@pytest.mark.parametrize("drift", [0.0, 1.5e-6])
+def test_what_comes_back_at_a_place_is_named_and_drift_is_not(kind, drift):
+    # both ways over a slide, while it warms up: what comes back at a place is a shape
     rng = np.random.default_rng(11)
     there = np.linspace(0.0, 0.4, 41)
     x = np.concatenate([there, there[::-1]])
-    values = (
-        2e-6 * (x - 0.2) ** 2 + bump * (np.abs(x - 0.13) < 0.006) + 50e-9 * rng.normal(size=82)
-    )
+    values = 2e-6 * (x - 0.2) ** 2 + 1e-9 * AWAY_NM[kind](x) + 50e-9 * rng.normal(size=82)
+    values += drift * (1.0 - np.exp(-np.arange(82) / 40.0))
     line = ReadingSet(Displacement(direction=(0, 0, 1)), {"X": x, "Y": 0.0, "Z": 0.0}, values, unknown=("offset", "slope"))  # fmt: skip
-    found = calibrate(presets("mill_xyz"), [line], terms=["EZX"])
-    said = [m for m in found.messages if "each time" in m]
-    assert len(said) == (bump > 0.0)
+    found = calibrate(presets("mill_xyz"), [line], terms=["EZX"], degrees={"X": 3})
+    said = [m for m in found.messages if "what the curves leave" in m or "repeats of a place" in m]
+    assert len(said) == (kind != ""), said
     for message in said:
-        places = [float(v) for v in re.findall(r"([\d.]+) mm", message)]
-        assert min(places) <= 140.0, message
-        assert max(places) >= 120.0, message
+        assert kind in message
+        # 50 nm in two passes; drift that the repeats leave possible widens it
+        value, unit = re.search(r"(-?[\d.]+) (nm|um)", message.split("mm,")[-1 if kind == "bends" else 0].split("amplitude")[-1]).groups()  # fmt: skip
+        size = float(value) * {"nm": 1.0, "um": 1e3}[unit]
+        assert abs(size - SIZE_NM[kind]) < 0.3 * abs(SIZE_NM[kind]), message
+        place = float(re.search(r"X = ([\d.]+) mm", message)[1]) if kind != "repeats" else 130.0
+        assert abs(place - 130.0) <= 10.5, message
+        assert "of the terms of X is raised" in message

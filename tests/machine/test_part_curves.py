@@ -6,6 +6,7 @@ azimuth phi, with the spindle at theta = -phi; slide and spindle errors in the m
 
 from __future__ import annotations
 
+import re
 from functools import cache
 
 import numpy as np
@@ -330,3 +331,17 @@ def test_a_curve_that_would_be_taken_for_another_is_named():
     said = next(m for m in found.messages if "may be taken for" in m)
     assert np.abs(off / found["EZX"].sd(rho)).max() > 3.0
     assert "EXX (for EZX" in said
+
+
+@pytest.mark.parametrize("height", [0.0, 8e-9])
+def test_a_step_round_the_axis_is_named_with_its_radius(height):
+    """A face with a step of the slide at 10 mm, up towards the rim: no order of EZX follows it."""
+    face = part(white=0.5e-9, n=30, seed=3)
+    at = face.origin[0] + face.dx * np.arange(30)
+    z = face.z + height * (np.hypot(*np.meshgrid(at, at)) > 10e-3)
+    face = ms.Surface(z, dx=face.dx, dy=face.dy, origin=face.origin)
+    said = [m for m in found_of(face).messages if "what the curves leave" in m]
+    assert len(said) == (height > 0.0), said
+    for message in said:
+        assert re.search(r"(jumps|bump)", message)
+        assert 6.0 < float(re.search(r"radius = ([\d.]+) mm", message)[1]) < 14.0, message

@@ -1,0 +1,355 @@
+"""Private: what no curve of a calibration follows, by the scatter of readings that were taken twice.
+
+Classical lack of fit: readings of one place differ by noise and drift alone (pure error), so what the
+means of the places miss beyond it is a shape of the machine. White noise and drift are learnt from the
+repeats only, by restricted likelihood with a free mean at each place; a fit alone cannot tell a shape
+from drift. Over all drifts by their likelihood (as `Gls.spread`), the whole and the best jump, corner, bump
+and wave are F-tested, a fifth of the chance each, with the number of independent shapes of a family after
+Li and Ji, Heredity 95 (2005) 221. A set that passes its places once is judged under the noise of the fit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.units import format_engineering
+from metrosep.machine._drift_noise import inverse_times
+from metrosep.machine._reading_problem import Problem
+from metrosep.machine.instruments import Instrument
+
+_CHANCE = 0.005
+"""Of a message without a shape, over all sets."""
+_FREE, _FEWEST, _MOST = 10, 12, 300
+"""Repeats, and places, below which nothing is judged; places that are looked at, at most."""
+_DRIFTS = [
+    (a, t) for a in (0.3, 1.0, 3.0, 10.0, 30.0) for t in (2.0, 8.0, 30.0, 120.0, 500.0, 2000.0)
+]
+_WIDTHS, _WINDOWS = (1, 2, 4, 8), 6
+"""Places that a bump takes, and how many times as many its way must hold."""
+_NOTHING = 1e-12  # m or rad: what is less is rounding and second order
+_LEFT = 1e-8
+"""Share of the square of a shape below which the curves follow it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shapes:
+    """Columns of a family over the places; of a wave two that belong together."""
+
+    kind: str
+    columns: FloatArray  # (places, shapes, 1 or 2)
+    at: list[tuple[float, float]]  # where each begins and ends, or its length
+
+
+def families(x: FloatArray, is_turn: bool) -> list[Shapes]:
+    """Return jumps, corners, bumps and waves over sorted places."""
+    n, span = x.size, float(np.ptp(x))
+    edges = range(1, n - 2)
+    found = [
+        Shapes(
+            "jumps",
+            np.stack([x > x[k] for k in edges], axis=1)[..., None].astype(np.float64),
+            [(float(x[k]), float(x[k + 1])) for k in edges],
+        ),
+        Shapes(
+            "corner",
+            np.maximum(x[:, None] - x[2:-2], 0.0)[..., None],
+            [(float(v), float(v)) for v in x[2:-2]],
+        ),
+    ]
+    bumps, at = [], []
+    for width in _WIDTHS:
+        if n >= _WINDOWS * width:
+            for k in range(n - width + 1):
+                bumps.append((np.arange(n) >= k) & (np.arange(n) < k + width))
+                at.append((float(x[k]), float(x[k + width - 1])))
+    found.append(Shapes("bump", np.stack(bumps, axis=1)[..., None].astype(np.float64), at))
+    if is_turn:
+        twice, span = 2 * np.arange(3, n // 2 + 1), 2.0 * math.pi
+    else:
+        twice = np.arange(6, n)
+    turns = math.pi * twice / span * (x[:, None] - (0.0 if is_turn else x[0]))
+    waves = np.stack([np.cos(turns), np.sin(turns)], axis=2)
+    found.append(Shapes("waves", waves, [(2.0 * span / m,) * 2 for m in twice.tolist()]))
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Places:
+    """The means of readings at their places, under each drift that repeats allow, the likeliest first."""
+
+    cases: list[tuple[float, FloatArray, FloatArray, FloatArray]]
+    """Weight, whitening of the places, whitened columns of the model (orthonormal), what these leave."""
+    free: int  # repeats
+    degrees: int = 0
+
+    @classmethod
+    def of(
+        cls,
+        y: FloatArray,
+        index: FloatArray,
+        which: NDArray[np.intp],
+        model: FloatArray,
+        step: float,
+    ) -> Places:
+        """Return the places of one series of readings."""
+        count = int(which.max()) + 1
+        S = (which[:, None] == np.arange(count)).astype(np.float64)
+        free = y.size - count
+        floor = free * max(step**2 / 12.0, _NOTHING**2)
+        first = np.unique(which, return_index=True)[1]
+        U, singular, _ = np.linalg.svd(model[first], full_matrices=False)
+        known = U[:, singular > 1e-9 * singular.max(initial=0.0)]
+        degrees = count - known.shape[1]
+        cases, value, prior = [], [], []
+        for a, tau in [(0.0, 10.0), *_DRIFTS]:
+            solved, logdet = inverse_times(np.column_stack([S, y]), index, a, tau)
+            M = S.T @ solved[:, :-1]
+            L = np.linalg.cholesky(0.5 * (M + M.T))
+            b = S.T @ solved[:, -1]
+            mean = np.linalg.solve(M, b)
+            square = max(float(y @ solved[:, -1]) - float(b @ mean), floor)
+            cases.append((L, mean, square / free))
+            logs = logdet + 2.0 * float(np.log(np.diag(L)).sum())
+            value.append(logs + free * math.log(square))
+            prior.append(0.5 if a == 0.0 else 0.5 / len(_DRIFTS))
+        weights = np.array(prior) * np.exp(-0.5 * (np.array(value) - min(value)))
+        weights /= weights.sum()
+        found = []
+        for w, (L, mean, s2) in zip(weights, cases, strict=True):
+            if w < 1e-3:
+                continue
+            # of the covariance of the means s2 / M + step^2/12 (one digit is one error at a place)
+            inverse = np.linalg.inv(L)
+            C = s2 * inverse.T @ inverse + np.eye(count) * step**2 / 12.0
+            W = np.linalg.inv(np.linalg.cholesky(C))
+            Q = np.linalg.qr(W @ known)[0]
+            r = W @ mean
+            found.append((float(w), W, Q, r - Q @ (Q.T @ r)))
+        found.sort(key=lambda case: -case[0])
+        total = sum(case[0] for case in found)
+        return cls([(w / total, *rest) for w, *rest in found], free, degrees)
+
+    def whole(self) -> tuple[float, float]:
+        """Return chance and F of the lack of fit."""
+        from scipy.stats import f
+
+        values = [float(r @ r) / self.degrees for _, _, _, r in self.cases]
+        chance = sum(
+            case[0] * float(f.sf(v, self.degrees, self.free))
+            for case, v in zip(self.cases, values, strict=True)
+        )
+        return chance, values[0]
+
+    def best(self, shapes: Shapes, least: float) -> tuple[float, int, float]:
+        """Return chance, number and size of the best of a family; its size is above the least."""
+        from scipy.stats import f
+
+        chance, chosen, size, trials = 0.0, 0, 0.0, 1.0
+        n, m, d = shapes.columns.shape
+        for k, (w, W, Q, r) in enumerate(self.cases):
+            C = (W @ shapes.columns.reshape(n, -1)).reshape(W.shape[0], m, d)
+            raw = np.sum(C**2, axis=0)
+            C = C - np.tensordot(Q, np.tensordot(Q, C, (0, 0)), (1, 0))
+            good = np.all(np.sum(C**2, axis=0) > _LEFT * raw, axis=1)
+            N = np.einsum("nma,nmb->mab", C, C)
+            if d == 2:
+                good &= np.linalg.det(N) > 1e-3 * N[:, 0, 0] * N[:, 1, 1]
+            N[~good] = np.eye(d)
+            b = np.einsum("nma,n->ma", C, r)
+            found = np.linalg.solve(N, b[..., None])[..., 0]
+            height = np.linalg.norm(found, axis=1) * np.max(np.abs(shapes.columns), axis=(0, 2))
+            stat = np.where(good & (height > least), np.sum(found * b, axis=1), 0.0)
+            i = int(np.argmax(stat))
+            if k == 0:
+                chosen, size = i, float(found[i, 0] if d == 1 else np.linalg.norm(found[i]))
+                trials = _independent(C[:, good].reshape(W.shape[0], -1)) / d
+            chance += w * float(f.sf(stat[i] / d, d, self.free))
+        return min(chance * trials, 1.0), chosen, size
+
+    def unseen(self, shapes: Shapes, chance: float) -> float:
+        """Return by how much one of a family, in the middle 2/3, misses the curves before it is named."""
+        from scipy.stats import f
+
+        _, W, Q, _ = self.cases[0]
+        c = shapes.columns[..., 0]
+        white = W @ c
+        bent = Q.T @ white
+        own = np.sum((white - Q @ bent) ** 2, axis=0)
+        left = c - np.linalg.solve(W, Q @ bent)
+        m = c.shape[1]
+        inner = np.arange(m)[m // 6 : m - m // 6]
+        trials = _independent((white - Q @ bent)[:, own > _LEFT * np.sum(white**2, axis=0)])
+        size = math.sqrt(float(f.isf(chance / trials, 1, self.free)))
+        height = size * np.max(np.abs(left[:, inner]), axis=0) / np.sqrt(own[inner])
+        return float(np.max(height))
+
+
+def _independent(columns: FloatArray) -> float:
+    """Return how many independent shapes columns are (Li and Ji)."""
+    if not columns.size:
+        return 1.0
+    values = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), compute_uv=False) ** 2
+    return float(np.sum((values >= 1.0) + values - np.floor(values)))
+
+
+def sentence(
+    label: str,
+    kind: str,
+    axis: str,
+    unit: str,
+    read: str,
+    at: tuple[float, float],
+    size: float,
+    u: str,
+    or_term: str = "",
+) -> str:
+    """Return what the curves of a set leave, where, of which size, and what to do."""
+    places = " to ".join(dict.fromkeys(format_engineering(v, unit) for v in at))
+    height = format_engineering(size, read)
+    each = (
+        f"calibrate the travel on each side by itself, or give a degree of {axis} that follows it"
+    )
+    if kind == "waves":
+        length = (
+            f"{math.degrees(at[0]):.3g} deg" if unit == "rad" else format_engineering(at[0], unit)
+        )
+        what = f"repeats every {length} of {axis}, amplitude {height}"
+        why, remedy = (
+            "no order that was fitted follows it",
+            f"give a degree of {axis} that follows it",
+        )
+        remedy += or_term
+    elif kind == "jumps":
+        what = f"jumps by {height} between {axis} = {places.replace(' to ', ' and ')}"
+        why = "no order follows a jump"
+        remedy = (
+            "look for a joint, a grid error of the scale or a loose guide there, and calibrate the travel on "
+            "each side by itself"
+        )
+    elif kind == "corner":
+        what = f"bends near {axis} = {places}, by {height} at the end of its way"
+        why, remedy = (
+            "no order follows a corner",
+            f"look for a joint or a bend of the guide there; {each}",
+        )
+    else:
+        what = f"has a bump of {height} at {axis} = {places}"
+        why, remedy = (
+            "no order follows it",
+            f"look for dirt or damage of the guide or the scale there; {each}",
+        )
+    return f"{label}: what the curves leave {what}; {why}, and u does not contain it{u}: {remedy}"
+
+
+def rings_left(
+    label: str, x: FloatArray, white: FloatArray, model: FloatArray, rest: FloatArray, parts: int
+) -> list[str]:
+    """Return a sentence where what is left of a map has a step or a ridge round its axis.
+
+    x are the radii of its rings, `white` their whitened columns, `model` the orthonormal ones, `rest` what
+    these leave: whitened by the noise that was found, so of variance 1.
+    """
+    found = Places([(1.0, white, model, rest)], rest.size - model.shape[1])
+    best: tuple[float, str, tuple[float, float], float] = (
+        _CHANCE / 2.0 / parts,
+        "",
+        (0.0, 0.0),
+        0.0,
+    )
+    for shapes in families(x, False):
+        if shapes.kind in ("jumps", "bump"):
+            one, i, size = found.best(shapes, _NOTHING)
+            if one < best[0]:
+                best = (one, shapes.kind, shapes.at[i], size)
+    if not best[1]:
+        return []
+    return [sentence(label, best[1], "radius", "m", "m", best[2], best[3], "")]
+
+
+def lack_of_fit(
+    problem: Problem, current: Sequence[Instrument], good: Sequence[NDArray[np.bool_]]
+) -> tuple[list[str], dict[str, float], set[int]]:
+    """Return sentences, by axis the factor of u, and the sets that were judged by their repeats."""
+    tests = []
+    for k, reading in enumerate(problem.sets):
+        block, left = problem.block(k, current[k])
+        n = left.shape[0]
+        q = {a: np.broadcast_to(np.ravel(np.asarray(v)), (n,)) for a, v in reading.q.items()}
+        moved = [a for a, v in q.items() if float(np.ptp(v)) > 1e-9]
+        if not moved:
+            continue
+        places = np.unique(
+            np.round(np.stack([q[a] for a in moved], axis=1), 9), axis=0, return_inverse=True
+        )[1].ravel()
+        # a reading that was refused counts where no other of its place stands against it
+        for c in range(left.shape[1]):
+            stands = np.bincount(places[good[k][:, c]], minlength=int(places.max()) + 1)
+            use = np.isfinite(left[:, c]) & (good[k][:, c] | (stands[places] == 0))
+            rows = np.flatnonzero(use)
+            kept, which = np.unique(places[rows], return_inverse=True)
+            if kept.size > _MOST:  # every so many of them
+                every = -(-kept.size // _MOST)
+                rows = rows[which % every == 0]
+                kept, which = np.unique(places[rows], return_inverse=True)
+            design = block[rows, c]
+            design = design[:, np.any(design != 0.0, axis=0)]
+            design = design / np.linalg.norm(design, axis=0)
+            if rows.size - kept.size < _FREE or kept.size < max(_FEWEST, design.shape[1] + 2):
+                continue
+            found = Places.of(
+                left[rows, c], rows.astype(np.float64), which, design, problem.steps[k]
+            )
+            if found.degrees > 1:
+                x = q[moved[0]][rows][np.unique(which, return_index=True)[1]]
+                tests.append((k, moved, x, found))
+    said: list[str] = []
+    unseen: dict[tuple[str, str, str], tuple[float, str]] = {}
+    factors: dict[str, float] = {}
+    chance = _CHANCE / 5.0 / max(len(tests), 1)
+    for k, moved, x, found in tests:
+        reading, least = problem.sets[k], max(float(problem.steps[k]), _NOTHING)
+        read = "rad" if reading.instrument.is_angle else "m"
+        p, F = found.whole()
+        best: tuple[float, str, tuple[float, float], float] = (p, "", (0.0, 0.0), 0.0)
+        unit = "rad" if problem.chain.dimensions.get(moved[0]) == "angle" else "m"
+        if len(moved) == 1:
+            is_turn = unit == "rad" and float(np.ptp(x)) > 1.9 * math.pi
+            for shapes in families(x, is_turn):
+                one, i, size = found.best(shapes, least)
+                if shapes.kind == "corner":
+                    size *= float(x[-1]) - shapes.at[i][0]
+                if shapes.kind in ("corner", "bump"):
+                    key, limit = (shapes.kind, moved[0], read), found.unseen(shapes, chance)
+                    if limit > unseen.get(key, (least, ""))[0]:
+                        unseen[key] = limit, problem.labels[k]
+                if one < chance and (one < best[0] or not best[1]):
+                    best = (one, shapes.kind, shapes.at[i], size)
+        if best[0] >= chance:
+            continue
+        raised = math.sqrt(max(F, 1.0))
+        for axis in moved:
+            factors[axis] = max(raised, factors.get(axis, 1.0))
+        u = f" (u of the terms of {' and '.join(moved)} is raised {raised:.2g} times)"
+        if best[1]:
+            said.append(
+                sentence(problem.labels[k], best[1], moved[0], unit, read, best[2], best[3], u)
+            )
+        else:
+            said.append(
+                f"{problem.labels[k]}: its places differ from the curves by more than repeats of a place "
+                f"differ (F = {F:.3g}); u does not contain that{u}: give a higher degree of {' or '.join(moved)}, "
+                "ask for more terms, or check its tool point"
+            )
+    said += [
+        f"{label}: a {kind} of {axis} that the curves miss by less than {format_engineering(limit, read)} may pass "
+        f"unseen, and u does not contain it: where one is likely, give a degree of {axis} that follows it, or read "
+        "more often"
+        for (kind, axis, read), (limit, label) in unseen.items()
+    ]
+    return said, factors, {k for k, *_ in tests}
