@@ -768,10 +768,11 @@ def _family(obj: Surface | Profile, name: str) -> str:
         return name[0]
     if isinstance(obj, Profile) and name.startswith("tp("):
         return ""  # ASME's name of mr, of any kind
-    if isinstance(obj, Surface) and name[:1] in ("S", "V"):
-        return "S"
-    what = "map" if isinstance(obj, Surface) else "profile"
-    raise DataError(f"a {what} has no parameter {name!r}")
+    if isinstance(obj, Surface):
+        return "S"  # refuses a name that it does not have, and says which are near
+    kind = {"S": "R"}.get(name[:1].upper(), name[:1].upper())
+    near = f"; did you mean {kind}{name[1:]}?" if kind in ("P", "W", "R") else ""
+    raise DataError(f"a profile has no parameter {name!r}: they are such as Ra, Pt, Wq{near}")
 
 
 def _only(table: ParameterTable, names: Sequence[str]) -> ParameterTable:
