@@ -150,7 +150,6 @@ def machine_tables(
         )
     kinds = chain.dimensions
     at = _places(options["places"], kinds)
-    _require_said(chain, over, at, {} if grid else lacking_facts(name, options["facts"]))
     terms, known = terms_of(errors, kinds)
     common: dict[str, Any] = {
         "over": over,
@@ -161,6 +160,7 @@ def machine_tables(
         else _names(options["corrects"], "--corrects", None),
         "reference": _reference(options["reference"], over, kinds),
     }
+    _require_said(chain, over, at, {} if grid else lacking_facts(name, options["facts"]))
     if options["tool"] is not None:
         common["tool"] = point_of(options["tool"])
     folder = Path(out)

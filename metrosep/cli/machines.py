@@ -99,7 +99,7 @@ def calibrate(
     lines = ["metrosep = 1", "", "[input]", f"files = {list_of(sets)}", "", "[[step]]"]
     lines += ['op = "calibrate"', f"machine = {quoted(machine)}"]
     if context.obj is not None:
-        context.obj["words"] = functools.partial(option_words, keys=("pivot_height", "radius"))
+        context.obj["words"] = functools.partial(option_words, keys=("pivot_height",))
     if options["radius"] is not None:
         lines.append(f"machine_radius = {quoted(options['radius'])}")
     if options["pivot_height"] is not None:

@@ -97,7 +97,9 @@ def chain_of(machine: str, options: dict[str, Any]) -> Chain:
             {"machine": machine, "pivot_height": sizes["pivot_height"]}, sizes["radius"]
         )
     except DataError as exc:
-        raise click.UsageError(option_words(str(exc), given)) from None
+        raise click.UsageError(
+            option_words(str(exc), ["pivot_height"]).replace("radius = ", "--radius ")
+        ) from None
     return found
 
 

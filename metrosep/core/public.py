@@ -54,7 +54,7 @@ class PublicObject:
         super().__init_subclass__(**options)
         if "__setattr__" in cls.__dict__ and "__dataclass_fields__" in cls.__dict__:
             cls.__setattr__ = _refuse_change  # type: ignore[method-assign]
-            cls.__delattr__ = _refuse_change  # type: ignore[method-assign, assignment]
+            cls.__delattr__ = _refuse_change  # type: ignore[method-assign]
 
     def plot(self, ax: Any = None, **options: Any) -> Any:
         """Draw the object and return the axes; nothing is shown and no setting of matplotlib changes.

@@ -185,7 +185,7 @@ def _scaled(obj):
         with pytest.raises(DataError, match="must be above zero: the bars"):
             obj.plot(vmin="-5 nm")
         low = 5.0
-    before = _values(_single(obj.plot(unit="nm")))
+    before = _values(_single(obj.plot(unit="nm", vmin=f"{low} nm", vmax="7 nm")))
     axes = _single(obj.plot(unit="pm", vmin=f"{low} nm", vmax="7 nm"))
     with pytest.raises(DataError, match=r"vmin = .* must be less than vmax"):
         obj.plot(vmin="9 nm", vmax="8 nm")
@@ -202,7 +202,7 @@ def _scaled(obj):
 
 
 def _single(drawn):
-    return drawn.axes[0] if hasattr(drawn, "axes") and not hasattr(drawn, "lines") else drawn
+    return drawn.axes[0] if hasattr(drawn, "subfigures") else drawn
 
 
 def _values(axes):
@@ -210,10 +210,9 @@ def _values(axes):
     for mesh in (*axes.images, *axes.collections):
         if mesh.get_array() is not None:
             return np.ma.filled(mesh.get_array(), 0.0).ravel()
-    if axes.lines and len(axes.lines[0].get_xdata()) > 2:
-        return axes.lines[0].get_ydata()
-    sizes = [max(p.get_width(), p.get_height()) for p in axes.patches]
-    return np.array(sizes) if sizes else axes.lines[-1].get_ydata()
+    bars = [p.get_width() if axes.get_xscale() == "log" else p.get_height() for p in axes.patches]
+    curves = sorted(axes.lines, key=lambda c: -len(c.get_xdata()))
+    return np.array(bars) if bars else np.asarray(curves[0].get_ydata())
 
 
 def test_values_of_several_units_have_no_scale_in_common():
@@ -498,11 +497,6 @@ def test_limits_of_a_picture_take_units():
 def test_a_picture_with_a_scale_of_its_own_takes_no_other(kind, option):
     with pytest.raises(errors.OptionError, match=f"own scale.*{next(iter(option))}"):
         OBJECTS["ErrorEstimate"].plot(kind, **option)
-
-
-def test_a_recording_is_drawn_in_its_own_units():
-    with pytest.raises(errors.OptionError, match=r"own scale.*unit"):
-        OBJECTS["Recording"].plot(unit="nm")
 
 
 @pytest.mark.parametrize(

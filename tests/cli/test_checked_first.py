@@ -164,12 +164,19 @@ def test_an_option_of_one_value_is_not_taken_twice(metrosep, words, option):
 
 
 def test_options_of_many_values_and_flags_repeat(metrosep, folder):
-    again = ("--json", "--json", "--exclude", "0", "--print-recipe", "--print-recipe")
-    code, _, err = metrosep(*SEPARATE[:-2], *again)
-    assert code == 0, err
+    again = (
+        "--sign-confirmed",
+        "--sign-confirmed",
+        "--machine",
+        "stroke=5 um",
+        "--machine",
+        "x=1 um",
+    )
+    err = metrosep("table", RUNS, *COLUMNS, *again, "-o", "x.tab")[2]
+    assert "Missing option '--compensates'" in err
 
 
-@pytest.mark.parametrize(("name", "near"), [("sq", "nearest: Sq"), ("xz", "nearest: ")])
+@pytest.mark.parametrize(("name", "near"), [("sq", "did you mean Sq?"), ("Sx", "nearest: ")])
 def test_a_parameter_of_another_spelling_has_a_near_one(metrosep, folder, name, near):
     import numpy as np
 

@@ -57,7 +57,7 @@ def machine_of(options: dict[str, Any], radius: float | None) -> Any:
     if name == "fts_lathe":
         parameters["radius"] = radius if own is None else own
         if parameters["radius"] is None:
-            raise DataError('fts_lathe needs the size of the part: radius = "20 mm"')
+            raise DataError('fts_lathe needs the radius of the part: radius = "20 mm"')
     if name == "five_axis" and height is None:
         raise DataError('five_axis needs the height of its table: pivot_height = "80 mm"')
     if height is not None:
