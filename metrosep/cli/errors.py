@@ -92,6 +92,10 @@ def as_options(message: str, names: Collection[str]) -> str:
     if names:
         overwrite = " or give --force" if "force" in names else ""
         message = message.replace(" or say overwrite", overwrite)
+    if names and "exclude" not in names:  # of the command that has these
+        message = re.sub(
+            r"\b(exclude|accept)='([^']*)'", r'--\1 "\2" of metrosep separate', message
+        )
     if "table_" in names or "format_" in names:
         new = r"--format \1" if "format_" in names else r"--table \1=FILE"
         message = re.sub(r"\bcontroller='(\w+)'", new, message)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -17,7 +17,9 @@ from metrosep.cli.options import (
     chain_of,
     force_option,
     json_option,
+    lacking_facts,
     machine_options,
+    missing_options,
     name_values,
     phase,
     say,
@@ -144,41 +146,43 @@ def machine_tables(
             + (f"; {_VOLUME}" if len(over) == 3 else "")
         )
     kinds = chain.dimensions
+    at = _places(options["places"], kinds)
     terms, known = terms_of(errors, kinds)
     common: dict[str, Any] = {
         "over": over,
         "positions": _positions(over, kinds, known, options),
-        "at": _places(options["places"], kinds),
+        "at": at,
         "corrects": None
         if options["corrects"] is None
         else _names(options["corrects"], "--corrects", None),
         "reference": _reference(options["reference"], over, kinds),
     }
+    _require_said(chain, over, at, {} if grid else lacking_facts(name, options["facts"]))
     if options["tool"] is not None:
         common["tool"] = point_of(options["tool"])
     folder = Path(out)
     carry_out = _volume if len(over) == 3 else _tables
     phase(f"making the tables over {', '.join(over)}")
-    with _places_hinted():
-        found = carry_out(chain, terms, common, name, folder, options, force=force)
+    found = carry_out(chain, terms, common, name, folder, options, force=force)
     if as_json:
         click.echo(json.dumps(found, sort_keys=True, allow_nan=False))
     return 0
 
 
-@contextmanager
-def _places_hinted() -> Iterator[None]:
-    """Name the option that says where an axis stands, where its place is missing."""
-    from metrosep.core.errors import DataError
-
-    try:
-        yield
-    except DataError as exc:
-        if "is missing; q holds" not in str(exc):
-            raise
-        raise click.UsageError(
-            f'{exc}: give the position of that axis, such as --at "Z=0 mm" or --at "A=0 deg"'
-        ) from None
+def _require_said(
+    chain: Chain,
+    over: Sequence[str],
+    at: Mapping[str, float],
+    lacking: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """Refuse a call that leaves the place of an axis open, or a fact of the controller, all at once."""
+    missing = [*lacking]
+    for e in chain.elements:
+        if e.kind != "fixed" and not e.parked and e.name not in (*over, *at):
+            place = "0 deg" if e.kind == "rotary" else "0 mm"
+            missing.append(f"at {e.name}={place}")
+    if missing:
+        raise missing_options(missing, None, *lacking.values())
 
 
 @click.command()
@@ -242,20 +246,20 @@ def volume(
 
         readings = read_reading_set(options["proof"], chain)
     at = _places(options["places"], kinds)
+    _require_said(chain, over, at)
     place: dict[str, Any] = {}
     if options["tool"] is not None:
         place["tool"] = point_of(options["tool"])
     allowed = quantity(options["tolerance"], "--tolerance", "length")
     phase("choosing the nodes of the grid")
-    with _places_hinted():
-        positions = volume_positions(
-            chain,
-            terms,
-            spans=_spans(over, kinds, known, options),
-            tolerance=allowed,
-            at=at,
-            **place,
-        )
+    positions = volume_positions(
+        chain,
+        terms,
+        spans=_spans(over, kinds, known, options),
+        tolerance=allowed,
+        at=at,
+        **place,
+    )
     made = volume_from_machine(chain, terms, over=over, positions=positions, at=at, **place)
     phase("applying the grid to the volume")
     if out is None:

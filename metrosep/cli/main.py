@@ -65,7 +65,13 @@ class _Commands(click.Group):
         args = _other_door(args)
         near = difflib.get_close_matches(args[0], list(_HOMES), n=1)
         if args[0] in _HOMES or not near or args[0].startswith("-"):
-            return super().resolve_command(ctx, args)
+            name, command, rest = super().resolve_command(ctx, args)
+            if command is not None and not ctx.resilient_parsing:
+                inner = click.Context(
+                    command, info_name=name, parent=ctx, **command.context_settings
+                )
+                _refuse_repeated(command, inner, rest)
+            return name, command, rest
         return ctx.fail(f"No such command {args[0]!r}. Did you mean {near[0]!r}?")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -89,6 +95,17 @@ def _other_door(args: list[str]) -> list[str]:
     after = at + (1 if is_joined else 2)
     machine = [value] if is_joined else args[at + 1 : after]
     return ["machine-tables", *machine, *args[1:at], *args[after:]]
+
+
+def _refuse_repeated(command: click.Command, ctx: click.Context, words: list[str]) -> None:
+    """Refuse an option that takes one value and is given twice: the last would count in silence."""
+    given = command.make_parser(ctx).parse_args(args=list(words))[2]
+    for option in dict.fromkeys(given):
+        once = isinstance(option, click.Option) and not (
+            option.multiple or option.count or (option.is_flag and not option.secondary_opts)
+        )
+        if once and given.count(option) > 1:
+            ctx.fail(f"{option.opts[-1]} is given twice and takes one value: keep one.")
 
 
 def _require_place(_: click.Context, option: click.Parameter, value: Any) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -29,8 +30,12 @@ _OF_RUNS = (
 )  # fmt: skip
 
 
-def require_columns(options: Mapping[str, Any], files: Sequence[str]) -> None:
-    """Refuse a call for repeated runs without their columns."""
+def require_columns(
+    options: Mapping[str, Any],
+    files: Sequence[str],
+    lacking: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """Refuse a call for repeated runs without their columns, and what else it lacks, with hints."""
     from metrosep.cli.options import missing_options
     from metrosep.core.methods import METHODS
 
@@ -54,7 +59,7 @@ def require_columns(options: Mapping[str, Any], files: Sequence[str]) -> None:
         )
     missing = [name for name in ("x", "z") if options.get(name) is None]
     if missing and not (len(missing) == 2 and tells_runs(options, files)):
-        raise missing_options(missing, files[0])
+        raise missing_options([*missing, *lacking], files[0], *lacking.values())
 
 
 def tells_runs(options: Mapping[str, Any], files: Sequence[str]) -> bool:

@@ -25,6 +25,7 @@ __all__ = [
     "file_options",
     "force_option",
     "json_option",
+    "lacking_facts",
     "machine_options",
     "missing_options",
     "name_values",
@@ -99,9 +100,16 @@ def chain_of(machine: str, options: dict[str, Any]) -> Chain:
         k: None if v is None else quantity(v, f"--{k.replace('_', '-')}", "length")
         for k, v in given.items()
     }
-    found: Chain = machine_of(
-        {"machine": machine, "pivot_height": sizes["pivot_height"]}, sizes["radius"]
-    )
+    from metrosep.core.errors import DataError
+
+    try:
+        found: Chain = machine_of(
+            {"machine": machine, "pivot_height": sizes["pivot_height"]}, sizes["radius"]
+        )
+    except DataError as exc:
+        raise click.UsageError(
+            option_words(str(exc), ["pivot_height"]).replace("radius = ", "--radius ")
+        ) from None
     return found
 
 
@@ -376,12 +384,25 @@ def columns_of(file: str) -> str:
     return ", ".join(str(c.get("name") if isinstance(c, dict) else c) for c in found)
 
 
-def missing_options(missing: Sequence[str], file: str, hint: str = "") -> click.UsageError:
+def lacking_facts(controller: str, given: Iterable[str]) -> dict[str, str]:
+    """Return what a controller needs and no ``--machine`` gives, by option, with what it is."""
+    from metrosep.controllers.options import missing_facts
+    from metrosep.controllers.registry import find
+
+    known = {
+        k.rpartition(".")[2].replace("-", "_"): v
+        for k, v in name_values(tuple(given), "--machine")
+    }
+    lacking = missing_facts(known, find(controller).options)
+    return {f"machine {o.name}=...": f"{o.name}: {o.help}" for o in lacking}
+
+
+def missing_options(missing: Sequence[str], file: str | None, *hints: str) -> click.UsageError:
     """Return the error of options that are missing, all at once, with the columns of the file."""
     names = " and ".join(f"'--{name}'" for name in missing)
-    columns = columns_of(file)
-    has = f"; {Path(file).name} has {columns}" if columns else ""
-    more = f"; {hint}" if hint else ""
+    columns = columns_of(file) if file else ""
+    has = f"; {Path(file or '').name} has {columns}" if columns else ""
+    more = "".join(f"; {hint}" for hint in hints if hint)
     return click.UsageError(f"Missing option{'s' if len(missing) > 1 else ''} {names}{has}{more}.")
 
 

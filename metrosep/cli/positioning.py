@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -25,6 +26,10 @@ __all__ = [
 F = TypeVar("F", bound=Callable[..., Any])
 _ROLES = ("target", "direction", "readings", "cycle")
 _SENSES = ("reached-minus-target", "target-minus-reached")
+_WHICH_SENSE = (
+    "--deviation reached-minus-target (the axis went too far where they are positive), or --deviation "
+    "target-minus-reached; it is not assumed"
+)
 
 
 def list_options() -> Callable[[F], F]:
@@ -89,9 +94,15 @@ def refuse_columns(options: Mapping[str, Any]) -> None:
 
 
 def listed_cycles(
-    files: Sequence[str], options: Mapping[str, Any], reading: Mapping[str, Any]
+    files: Sequence[str],
+    options: Mapping[str, Any],
+    reading: Mapping[str, Any],
+    lacking: Mapping[str, str] = MappingProxyType({}),
 ) -> RunSet:
-    """Return the cycles of a list of targets as runs of deviations actual - target."""
+    """Return the cycles of a list of targets as runs of deviations actual - target.
+
+    What else the call lacks, by option with its hint, is refused together with what the list lacks.
+    """
     from metrosep.cli.options import missing_options
     from metrosep.cli.shortcut import RUN_INPUT
     from metrosep.core.methods import METHODS
@@ -117,7 +128,9 @@ def listed_cycles(
     missing = [k for k in ("target", "direction", "readings") if k not in roles]
     if roles and missing:
         one_way = "a list of one direction: --direction forward, or reverse"
-        raise missing_options(missing, files[0], hint=one_way if "direction" in missing else "")
+        maybe = "" if options.get("deviation") else f"readings that are deviations: {_WHICH_SENSE}"
+        hints = (one_way if "direction" in missing else "", maybe, *lacking.values())
+        raise missing_options([*missing, *lacking], files[0], *hints)
     if "readings" in roles:
         roles["readings"] = [c.strip() for c in roles["readings"].split(",") if c.strip()]
         twice = [c for i, c in enumerate(roles["readings"]) if c in roles["readings"][:i]]
@@ -135,10 +148,12 @@ def listed_cycles(
     deviations = are_deviations(data)
     sense = options.get("deviation")
     if deviations and sense is None:
-        raise click.UsageError(
-            "the readings are deviations; say which: --deviation reached-minus-target (the axis went "
-            "too far where they are positive), or --deviation target-minus-reached; it is not assumed"
-        )
+        lacking = {
+            "deviation": f"the readings are deviations, say which: {_WHICH_SENSE}",
+            **lacking,
+        }
+    if lacking:
+        raise missing_options([*lacking], None, *lacking.values())
     if not deviations and sense is not None:
         raise click.UsageError(
             "the readings are positions reached, not deviations: leave --deviation out"
@@ -151,10 +166,13 @@ def listed_cycles(
 
 
 def listed_document(
-    file: str, options: Mapping[str, Any], reading: Mapping[str, Any]
+    file: str,
+    options: Mapping[str, Any],
+    reading: Mapping[str, Any],
+    lacking: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Return a list of targets as a result holds it."""
-    return cycles_document(listed_cycles([file], options, reading))
+    return cycles_document(listed_cycles([file], options, reading, lacking))
 
 
 def cycles_document(runs: RunSet) -> dict[str, Any]:

@@ -92,7 +92,7 @@ def _with_own(
     label: str, controller: str, texts: Iterable[str], options: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return the options of one table."""
-    from metrosep.cli.options import USUAL_SPACING, USUAL_TURN, name_values
+    from metrosep.cli.options import USUAL_SPACING, USUAL_TURN, lacking_facts, name_values
     from metrosep.compensation.area_errors import is_rotary
     from metrosep.controllers.registry import find, names
     from metrosep.recipe.preflight import which_axis
@@ -133,7 +133,10 @@ def _with_own(
     turns = is_rotary(made["axis"])
     made["spacing"] = made["spacing"] or (USUAL_TURN if turns else USUAL_SPACING)
     if made["compensates"] is None:
-        raise click.UsageError(f"{label}: {which_axis(made['axis'], '--compensates ')}")
+        known_now = [f"{k}={v}" for k, v in machine.items()]
+        lacking = lacking_facts(controller, known_now) if facts is not None else {}
+        more = "".join(f"; '--{k}' is missing, too ({v})" for k, v in lacking.items())
+        raise click.UsageError(f"{label}: {which_axis(made['axis'], '--compensates ')}{more}")
     return {
         **made, "label": label, "controller": controller, "machine": machine, "waive": waive,
         "own": stated,

@@ -18,6 +18,8 @@ from metrosep.cli.options import (
     file_options,
     force_option,
     json_option,
+    lacking_facts,
+    missing_options,
     name_values,
     optional_read_options,
     phase,
@@ -108,19 +110,22 @@ def table(
         raise click.UsageError(
             f"one file gives one table, got {len(sources)}; several files of runs need --x and --z"
         )
+    lacking = lacking_facts(info.id, options["machine"])
     if info.carries == "map":
+        _require_nothing(lacking)
         refuse_columns(options)
         made, against, folds = _map_of(sources[0], options, reading), None, None
     else:
         if of_runs:
-            document = _separated(sources, options, reading)
+            document = _separated(sources, options, reading, lacking)
         elif is_list(sources[0], options):
-            document = listed_document(sources[0], options, reading)
+            _own_axis(options, lacking)
+            document = listed_document(sources[0], options, reading, lacking)
         else:
             refuse_columns(options)
             _refuse_measured(sources[0])
             document = load_document(sources[0])
-        made, against, folds = _carried_of(document, info.id, options)
+        made, against, folds = _carried_of(document, info.id, options, lacking)
     if options["trial"] is not None:
         made, against, folds = _trial(made, options["trial"]), None, None
     sidecar = _write(made, out, format_, options, against=against, folds=folds, force=force)
@@ -170,24 +175,31 @@ _LAID_OUT = (
 
 
 def _separated(
-    files: tuple[str, ...], options: dict[str, Any], reading: dict[str, Any]
+    files: tuple[str, ...],
+    options: dict[str, Any],
+    reading: dict[str, Any],
+    lacking: dict[str, str],
 ) -> dict[str, Any]:
     """Return the result of runs, as 'separate' makes it of the same options."""
     from metrosep.cli.named import require_columns
-    from metrosep.cli.shortcut import RUN_INPUT, option_error, recipe_text
+    from metrosep.cli.shortcut import RUN_INPUT, axis_of_columns, option_error, recipe_text
     from metrosep.core.errors import RecipeError
     from metrosep.recipe.recipe import Recipe
 
     given = {k: options.get(k) for k in RUN_INPUT} | {"method": options["method"] or "joint"}
-    require_columns({**given, "readings": options.get("readings")}, files)
+    require_columns({**given, "readings": options.get("readings")}, files, lacking)
     refuse_list_options({**options, "direction": None})
     for name in reading:
         raise click.UsageError(
             f"--{name.replace('_', '-')} is not an option of runs: leave it out"
         )
-    turned = turned_runs(files, options)
+    turned = _turned_runs(files, options, lacking)
     if turned is not None:
         return cycles_document(turned)
+    if options.get("compensates") is None:
+        axis = options.get("axis") or axis_of_columns([options["x"]] if options["x"] else [])
+        _require_target(axis, options, lacking)
+    _require_nothing(lacking)
     text = recipe_text(given, tables=(), report=False)
     try:
         recipe = Recipe.parse(text, name="command line")
@@ -199,7 +211,9 @@ def _separated(
     return document
 
 
-def turned_runs(files: tuple[str, ...], options: dict[str, Any]) -> RunSet | None:
+def _turned_runs(
+    files: tuple[str, ...], options: dict[str, Any], lacking: dict[str, str]
+) -> RunSet | None:
     """Return continuous runs of an axis that turns as cycles; None where their positions are lengths."""
     from metrosep.cli.shortcut import RUN_INPUT
     from metrosep.core.units import parse_quantity
@@ -216,42 +230,47 @@ def turned_runs(files: tuple[str, ...], options: dict[str, Any]) -> RunSet | Non
             "leave --method out"
         )
     if options["spacing"] is None:
-        raise click.UsageError('--spacing is needed over an angle, such as --spacing "5 deg"')
+        lacking["spacing"] = 'over an angle the entries are such as --spacing "5 deg"'
+        if options.get("axis") is None and options.get("compensates") is None:
+            lacking["axis"] = "the axis that turned, such as --axis C"
+    _require_nothing(lacking)
     spacing = parse_quantity(options["spacing"], dimension="angle", name="--spacing")
     return cycles_of(runs, spacing)
 
 
 def _carried_of(
-    document: dict[str, Any], controller: str, options: dict[str, Any]
+    document: dict[str, Any], controller: str, options: dict[str, Any], lacking: dict[str, str]
 ) -> tuple[Any, RunSet | ErrorEstimate, Any]:
     """Return the table or polynomial of a result, the runs to dry-run it against, and its folds."""
     from metrosep.recipe.outputs import carried_of
     from metrosep.recipe.result import is_positioning
 
-    shape = {**_shape(options, controller), **_axes_of(document, options)}
+    shape = {**_shape(options, controller), **_axes_of(document, options, lacking)}
     if not is_positioning(document):
         shape.setdefault("spacing", USUAL_SPACING)
     return carried_of(document, shape)
 
 
-def _axes_of(document: dict[str, Any], options: dict[str, Any]) -> dict[str, str]:
+def _axes_of(
+    document: dict[str, Any], options: dict[str, Any], lacking: dict[str, str]
+) -> dict[str, str]:
     """Return the axes of a result's own tables, where the user states none; refuse others."""
     from metrosep.recipe.result import is_positioning
 
     if is_positioning(document):
         record = document["runs"][0]
         if "x_rad" in record and "z_m" in record:  # such as the run-out of Z over C
-            return _over_turning(options)
-        return _own_axis(options)
+            return _over_turning(options, lacking)
+        found = _own_axis(options, lacking)
+        _require_nothing(lacking)
+        return found
     tables = [t for t in (document.get("table"), *document.get("more_tables", ())) if t]
     known = [(str(t["axis"]), str(t["compensates"])) for t in tables if "axis" in t]
     if not known:
         axis = options.get("axis") or _axis_of_columns(document)
-        if options.get("compensates") is None:
-            from metrosep.recipe.preflight import which_axis
-
-            raise click.UsageError(which_axis(axis, "--compensates "))
+        _require_target(axis, options, lacking)
         return {"axis": axis}
+    _require_nothing(lacking)
     fits = [
         pair
         for pair in known
@@ -280,14 +299,30 @@ def _axis_of_columns(document: dict[str, Any]) -> str:
     return axis_of_columns(str(p["x"]) for p in steps if p.get("x") not in (None, "None"))
 
 
-def _own_axis(options: dict[str, Any]) -> dict[str, str]:
-    """Return the axis of a positioning test, which is looked up and corrected."""
+def _require_nothing(lacking: dict[str, str]) -> None:
+    """Refuse a call that lacks options, all of them at once."""
+    if lacking:
+        raise missing_options([*lacking], None, *lacking.values())
+
+
+def _require_target(axis: str, options: dict[str, Any], lacking: dict[str, str]) -> None:
+    """Refuse a call that does not say which axis the table of an axis corrects, and what else it lacks."""
+    if options.get("compensates") is None:
+        from metrosep.recipe.preflight import which_axis
+
+        lacking["compensates"] = which_axis(axis, "--compensates ")
+    _require_nothing(lacking)
+
+
+def _own_axis(options: dict[str, Any], lacking: dict[str, str]) -> dict[str, str]:
+    """Return the axis of a positioning test, which is looked up and corrected; or that it is lacking."""
     axis = options.get("axis") or options.get("compensates")
     if axis is None:
-        raise click.UsageError(
-            "the list does not say which axis was measured: give --axis X; the table corrects that "
+        lacking["axis"] = (
+            "the list does not say which axis was measured, such as --axis X; the table corrects that "
             "axis along itself"
         )
+        return {}
     if options.get("compensates") not in (None, axis):
         raise click.UsageError(
             f"a positioning test is the error of {axis} along itself: --compensates {options['compensates']} "
@@ -296,15 +331,13 @@ def _own_axis(options: dict[str, Any]) -> dict[str, str]:
     return {"axis": axis, "compensates": axis}
 
 
-def _over_turning(options: dict[str, Any]) -> dict[str, str]:
+def _over_turning(options: dict[str, Any], lacking: dict[str, str]) -> dict[str, str]:
     """Return the axes of lengths that were read over an angle."""
-    axis, target = options.get("axis"), options.get("compensates")
-    if axis is None or target is None:
-        raise click.UsageError(
-            "lengths over an angle: say which axis turned and which is corrected, such as --axis C "
-            "--compensates Z"
-        )
-    return {"axis": axis, "compensates": target}
+    for name, hint in (("axis", "C turned"), ("compensates", "Z is corrected")):
+        if options.get(name) is None:
+            lacking[name] = f"lengths over an angle: --{name} {hint[0]} if {hint}"
+    _require_nothing(lacking)
+    return {"axis": options["axis"], "compensates": options["compensates"]}
 
 
 def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:

@@ -38,6 +38,7 @@ __all__ = [
     "in_axes",
     "is_angle",
     "is_one_turn",
+    "missing_facts",
     "pick",
     "require_turn",
     "require_whole_turn",
@@ -205,12 +206,17 @@ def split_machine(
     return options, limits
 
 
+def missing_facts(given: Mapping[str, Any], known: Sequence[Option]) -> list[Option]:
+    """Return what a dialect needs and is not given."""
+    return [o for o in known if o.required and given.get(o.name) is None]
+
+
 def checked_options(
     given: Mapping[str, Any], known: Sequence[Option], controller: str, *, partial: bool = False
 ) -> dict[str, Any]:
     """Return every option of a dialect, checked, with defaults."""
     split_machine(given, known, controller)
-    missing = [o for o in known if o.required and given.get(o.name) is None]
+    missing = missing_facts(given, known)
     if missing and not partial:
         asked = "; ".join(f"{o.name}= ({o.help})" for o in missing)
         raise DataError(

@@ -7,6 +7,7 @@ files, data frames) stands in `attached`, which the top of the package fills.
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import os
 from collections.abc import Iterator, Mapping
 from html import escape
@@ -30,10 +31,30 @@ _LONGEST = 100
 """Characters of the line of an object."""
 
 
+def _refuse_change(obj: Any, name: str, value: Any = None) -> None:
+    """Refuse to set or delete an attribute."""
+    del value
+    kind = type(obj).__name__
+    named = {f.name for f in dataclasses.fields(obj)}
+    near = difflib.get_close_matches(name, named, n=1)
+    about = f"{name} is a field of it" if name in named else f"it has no {name!r}"
+    hint = f"; did you mean {near[0]}?" if near and name not in named else ""
+    raise dataclasses.FrozenInstanceError(
+        f"a {kind} does not change, and {about}{hint}: make a new {kind}, or keep your value beside it"
+    )
+
+
 class PublicObject:
     """Base of what a user holds in hand."""
 
     __slots__ = ()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Let a frozen class say in a sentence that it is frozen, also of names that it does not have."""
+        super().__init_subclass__(**options)
+        if "__setattr__" in cls.__dict__ and "__dataclass_fields__" in cls.__dict__:
+            cls.__setattr__ = _refuse_change  # type: ignore[method-assign]
+            cls.__delattr__ = _refuse_change  # type: ignore[method-assign]
 
     def plot(self, ax: Any = None, **options: Any) -> Any:
         """Draw the object and return the axes; nothing is shown and no setting of matplotlib changes.

@@ -268,16 +268,15 @@ def positions_of(
         if name not in [e.name for e in moving]:
             known = ", ".join(e.name for e in moving)
             raise DataError(f"chain {chain!r} has no axis {name!r}; its axes are {known}")
-    positions = {}
-    for e in moving:
-        if e.name in q:
-            positions[e.name] = positions_array(q[e.name], f"position of axis {e.name!r}")
-        elif not e.parked:
-            raise DataError(
-                f"the position of axis {e.name!r} of chain {chain!r} is missing; "
-                f"q holds {', '.join(q) or 'nothing'}"
-            )
-    return positions
+    missing = [repr(e.name) for e in moving if e.name not in q and not e.parked]
+    if missing:
+        s, are = ("s", "are") if len(missing) > 1 else ("", "is")
+        raise DataError(
+            f"the position{s} of {', '.join(missing)} of chain {chain!r} {are} missing; "
+            f"q holds {', '.join(q) or 'nothing'}"
+        )
+    given = (e.name for e in moving if e.name in q)
+    return {name: positions_array(q[name], f"position of axis {name!r}") for name in given}
 
 
 def tool_point(tool: ArrayLike) -> FloatArray:

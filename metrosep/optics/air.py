@@ -266,9 +266,12 @@ def _values(given: Mapping[str, Any], equation: str) -> dict[str, FloatArray]:
     if unknown:
         raise OptionError(f"air has no {unknown[0]!r}; known are {', '.join([*AIR, *U_AIR])}")
     known = {"co2": _STANDARD_CO2} | {k: v for k, v in given.items() if v is not None}
-    for name in ("temperature", "pressure"):
-        if name not in known:
-            raise OptionError(f"{name} of the air is needed; see metrosep ops air")
+    missing = [name for name in ("temperature", "pressure") if name not in known]
+    if missing:
+        if not known.keys() & {"humidity", "dew_point", "vapour_pressure"}:
+            missing.append("humidity (or dew_point, vapour_pressure)")
+        are = "are" if len(missing) > 1 else "is"
+        raise OptionError(f"{' and '.join(missing)} of the air {are} needed; see metrosep ops air")
     return {k: _checked(k, v) for k, v in known.items()}
 
 

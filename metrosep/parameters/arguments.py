@@ -142,9 +142,11 @@ def canonical(name: str, functions: Sequence[Function], kind: str = "") -> str:
 def unknown(names: Iterable[str], known: Iterable[str], what: str) -> DataError:
     """Return the error of names that are not known, with the nearest three to each."""
     offered = list(known)
+    folded = {k.casefold(): k for k in reversed(offered)}
     texts = []
     for name in names:
-        near = difflib.get_close_matches(name, offered, n=3, cutoff=0.3)
+        found = difflib.get_close_matches(name.casefold(), folded, n=3, cutoff=0.3)
+        near = [folded[k] for k in found]
         texts.append(f"{name} (nearest: {', '.join(near)})" if near else name)
     return DataError(
         f"{', '.join(texts)}: not offered as {what}; offered are {', '.join(offered)}"

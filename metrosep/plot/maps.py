@@ -24,6 +24,7 @@ from metrosep.plot.style import (
     length_scale,
     new_figure,
     shades,
+    stated_unit,
 )
 from metrosep.separation.contract import Separation, Unobservable
 
@@ -46,6 +47,7 @@ def separation_maps(
     dx: float | None,
     dy: float | None,
     unit: str = "m",
+    shown_in: str | None = None,
     titles: Mapping[str, str] | Sequence[str] | None = None,
     null_space: Sequence[Any] = (),
     origin: tuple[float, float] = (0.0, 0.0),
@@ -65,6 +67,8 @@ def separation_maps(
         Lateral steps; without them the axes count pixels.
     unit : str, optional
         SI unit of the values; a prefix is chosen for the colour bar.
+    shown_in : str, optional
+        Unit at the colour bar, such as "nm", where the choice is not left to the values.
     titles : mapping or sequence of str, optional
         Title of each part; its name if omitted.
     null_space : sequence, optional
@@ -115,6 +119,9 @@ def separation_maps(
     factor, prefix = next((p for p in _PREFIXES if largest >= p[0]), _PREFIXES[-1])
     if largest == 0.0:
         factor, prefix = 1e-9, "n"
+    name = f"{prefix}{unit}"
+    if shown_in is not None:
+        name, factor = stated_unit(shown_in, unit)
     with house_style():
         n_columns = 2 if len(maps) == 4 else min(len(maps), _MOST_COLUMNS)
         n_rows = -(-len(maps) // n_columns)
@@ -136,7 +143,7 @@ def separation_maps(
         ends = {(True, True): "both", (True, False): "min", (False, True): "max"}
         pointed = ends.get((outside[0] > 0, outside[1] > 0), "neither")
         bar = figure.colorbar(image, extend=pointed, **where)
-        bar.set_label(f"{quantity} / {prefix}{unit}")
+        bar.set_label(f"{quantity} / {name}")
         if not null_space:
             place_grid(figure, grid.tolist(), bar=bar.ax)
         else:

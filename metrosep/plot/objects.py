@@ -8,13 +8,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, OptionError
 from metrosep.core.numbers import choice, quantity
 from metrosep.core.readable import readable_unit
 from metrosep.core.units import parse_unit
 from metrosep.plot.maps import draw_map
-from metrosep.plot.style import BAND_FACTOR, COLOURS, DASHED, axes_or_new, draw_band, house_style
+from metrosep.plot.style import (
+    BAND_FACTOR,
+    COLOURS,
+    DASHED,
+    DIMENSIONS,
+    axes_or_new,
+    draw_band,
+    house_style,
+    stated_unit,
+)
 from metrosep.recipe.describe.charts import decimated, display_limits, thin
 
 if TYPE_CHECKING:
@@ -87,10 +97,6 @@ def draw_object(
         return found(obj, ax, scale, **options)
 
 
-_DIMENSIONS = {"m": "length", "rad": "angle", "V": "voltage", "s": "time"}
-"""By SI unit."""
-
-
 class _Scale:
     """Unit and ends of the values, as a caller states them."""
 
@@ -99,25 +105,40 @@ class _Scale:
     ) -> None:
         self.unit, self.low, self.high = unit, low, high
 
+    @property
+    def stated(self) -> list[str]:
+        """Names of what a caller states."""
+        given = {"unit": self.unit, "vmin": self.low, "vmax": self.high}
+        return [k for k, v in given.items() if v is not None]
+
     def refuse(self, what: str) -> None:
         """Refuse what a caller states of a picture that has its own scale."""
-        given = {"unit": self.unit, "vmin": self.low, "vmax": self.high}
-        stated = [k for k, v in given.items() if v is not None]
-        if stated:
-            raise OptionError(f"{what} has its own scale: plot does not take {', '.join(stated)}")
+        if self.stated:
+            told = ", ".join(self.stated)
+            raise OptionError(f"{what} has its own scale: plot does not take {told}")
+
+    def base(self, units: Mapping[str, str], way: str) -> str:
+        """Return the one SI unit of several values by name; refuse a stated scale where there is none."""
+        found = {*units.values()}
+        one = found.pop() if len(found) == 1 else ""
+        if self.stated and one not in DIMENSIONS:
+            held = ", ".join(f"{k} ({v or 'no unit'})" for k, v in units.items())
+            raise OptionError(
+                f"{held} share no unit that a scale could have: plot does not take "
+                f"{', '.join(self.stated)}; {way}"
+            )
+        return one
 
     def of(self, largest: float, base: str) -> tuple[str, float]:
         """Return the unit and its factor."""
         if self.unit is not None:
-            return self.unit.replace("um", "µm"), parse_unit(
-                self.unit, dimension=_DIMENSIONS.get(base)
-            ).factor
+            return stated_unit(self.unit, base)
         name, factor = readable_unit([largest], base)
         return name.replace("um", "µm").replace("urad", "µrad"), factor
 
     def ends(self, low: float, high: float, base: str) -> tuple[float, float]:
         """Return the ends in SI."""
-        kind = _DIMENSIONS.get(base, "length")
+        kind = DIMENSIONS.get(base, "length")
         a = low if self.low is None else quantity(self.low, "vmin", kind)
         b = high if self.high is None else quantity(self.high, "vmax", kind)
         if not a < b and (self.low is not None or self.high is not None):
@@ -130,6 +151,11 @@ class _Scale:
             low, high = axes.get_ylim()
             a, b = self.ends(low * factor, high * factor, base)
             axes.set_ylim(a / factor, b / factor)
+
+    def limit_drawn(self, axes: Axes, label: str, base: str) -> None:
+        """Set the ends of an ordinate whose label ends in its unit."""
+        unit = label.rpartition(" / ")[2].replace("µ", "u")
+        self.limit(axes, parse_unit(unit).factor, base)
 
 
 def _surface(
@@ -185,17 +211,18 @@ def _profile(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
 
 
 def _recording(obj: Any, ax: Axes | None, scale: _Scale, *, channel: str | None = None) -> Axes:
-    scale.refuse("the picture of a recording")
-    axes = axes_or_new(ax)
     names = [channel] if channel is not None else [*obj.channels]
-    units = {obj.units.get(n, "") for n in names}
+    base = scale.base({n: obj.units.get(n, "") for n in names}, "draw one with channel=")
+    axes = axes_or_new(ax)
+    known = [np.abs(obj[n][np.isfinite(obj[n])]) for n in names]
+    largest = max((float(k.max()) for k in known if k.size), default=0.0)
+    unit, factor = scale.of(largest, base) if base in DIMENSIONS else (base or "SI", 1.0)
     for name in names:
         z = obj[name]
         keep = thin(obj.t, z[None, :])
-        axes.plot(obj.t[keep], z[keep], linewidth=0.9, label=name)
-    axes.set(
-        xlabel="time / s", ylabel=f"reading / {units.pop()}" if len(units) == 1 else "reading / SI"
-    )
+        axes.plot(obj.t[keep], z[keep] / factor, linewidth=0.9, label=name)
+    axes.set(xlabel="time / s", ylabel=f"reading / {unit}")
+    scale.limit(axes, factor, base)
     axes.legend()
     return axes
 
@@ -245,7 +272,6 @@ def _estimate(obj: Any, ax: Axes | None, scale: _Scale, *, kind: str = "error") 
 
 
 def _parts(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
-    scale.refuse("the picture of a separation")
     from metrosep.plot.maps import separation_maps
     from metrosep.plot.summary import parts_plot
 
@@ -254,15 +280,25 @@ def _parts(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
         _refuse_axes(ax, "maps of a separation")
         dx, dy = (obj.audit.get(k) for k in ("dx_m", "dy_m"))
         unit = obj.units[next(iter(maps))]
-        return separation_maps(maps, dx=dx, dy=dy, unit=unit)
-    return parts_plot(obj, ax)
+        base = scale.base({k: obj.units[k] for k in maps}, "draw the maps of .parts")
+        limits = None
+        if scale.low is not None or scale.high is not None:
+            largest = max(float(np.nanmax(np.abs(v), initial=0.0)) for v in maps.values())
+            limits = scale.ends(-largest, largest, base)
+        return separation_maps(maps, dx=dx, dy=dy, unit=unit, shown_in=scale.unit, limits=limits)
+    base = scale.base({k: obj.units[k] for k in obj.parts}, "draw the curves of .parts")
+    drawn: Any = parts_plot(obj, ax, unit=scale.unit)
+    for axes in (drawn.axes if ax is None else [drawn]) if scale.stated else ():
+        scale.limit_drawn(axes, axes.get_ylabel(), base)
+    return drawn
 
 
 def _table(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
-    scale.refuse("the picture of a table")
     from metrosep.plot.summary import table_plot
 
-    return table_plot({"table": obj.to_dict()}, ax)
+    axes = table_plot({"table": obj.to_dict()}, ax, unit=scale.unit)
+    scale.limit_drawn(axes, axes.get_ylabel(), "rad" if is_rotary(obj.compensates) else "m")
+    return axes
 
 
 def _of_map(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
@@ -309,22 +345,38 @@ def _fit(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
 
 
 def _sensitivity(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
-    scale.refuse("the picture of a table of sensitivities")
     from metrosep.plot.sensitivity_chart import sensitivity_bars
 
-    return sensitivity_bars(obj, ax)
+    axes = sensitivity_bars(obj, ax, unit=scale.unit)
+    if scale.low is not None or scale.high is not None:
+        factor = parse_unit(axes.get_xlabel().rpartition(" / ")[2].replace("µ", "u")).factor
+        low, high = axes.get_xlim()
+        a, b = scale.ends(low * factor, high * factor, "m")
+        if not a > 0.0:
+            raise DataError(
+                f"vmin = {a:.6g} must be above zero: the bars have a logarithmic scale"
+            )
+        axes.set_xlim(a / factor, b / factor)
+    return axes
 
 
 def _wavefront(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
-    scale.refuse("the picture of a wavefront")
     from metrosep.plot.wavefront_chart import wavefront_map
 
-    return wavefront_map(obj, ax=ax)
+    largest = float(np.nanmax(np.abs(obj.opd), initial=0.0))
+    low, high = scale.ends(-largest, largest, "m")
+    axes = wavefront_map(obj, ax=ax, unit=scale.unit)
+    if scale.low is not None or scale.high is not None:
+        mesh: Any = axes.collections[-1]
+        bar = mesh.colorbar.ax.get_ylabel().rpartition(" / ")[2]
+        factor = parse_unit(bar.replace("µ", "u")).factor
+        mesh.set_clim(low / factor, high / factor)
+    return axes
 
 
 def _spiral(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
     """Draw the points of a program as the part is seen from above, and its rim."""
-    scale.refuse("the picture of a path")
+    scale.refuse("the picture of a path shows places x and y in mm, and")
     axes = axes_or_new(ax, size=(4.6, 4.4))
     rows = obj.to_frame()
     axes.plot(
@@ -356,7 +408,7 @@ def _setting(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
 
 def _batch(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
     """Draw how many units have which status."""
-    scale.refuse("the picture of a batch")
+    scale.refuse("the picture of a batch counts units by status, and")
     axes = axes_or_new(ax)
     outside = ("total", "skipped")
     counts = {k: n for k, n in obj.counts.items() if n and k not in outside}
@@ -369,7 +421,7 @@ def _batch(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
 
 def _result(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
     """Draw the figure of the first page of a report."""
-    scale.refuse("the picture of a result")
+    scale.refuse("the picture of a result is that of the first page of its report, and")
     from metrosep.plot.summary import charts_of, drawable
 
     document = getattr(obj, "document", obj)

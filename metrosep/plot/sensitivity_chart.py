@@ -15,6 +15,7 @@ from metrosep.plot.style import (
     house_style,
     length_scale,
     new_figure,
+    stated_unit,
 )
 
 if TYPE_CHECKING:
@@ -32,7 +33,10 @@ _BAR_COLOURS = (COLOURS["before"], COLOURS["estimate"], COLOURS["after"], COLOUR
 
 
 def sensitivity_bars(
-    tables: SensitivityTable | Mapping[str, SensitivityTable], ax: Axes | None = None
+    tables: SensitivityTable | Mapping[str, SensitivityTable],
+    ax: Axes | None = None,
+    *,
+    unit: str | None = None,
 ) -> Axes:
     """Draw Sq of each term as a bar, one row of bars for each alignment, the largest on top.
 
@@ -43,6 +47,8 @@ def sensitivity_bars(
         last one orders the terms.
     ax : matplotlib Axes, optional
         Where to draw; a new figure if omitted.
+    unit : str, optional
+        Unit of the values, such as "nm"; one in which they read well if omitted.
 
     Returns
     -------
@@ -64,7 +70,10 @@ def sensitivity_bars(
     if any(set(t.names) != set(last.names) for t in named.values()):
         raise DataError("the rankings hold different terms; rank the same errors in each")
     columns = {k: np.array([t.sq[t.names.index(n)] for n in last.order]) for k, t in named.items()}
-    factor, unit = length_scale(*(1e9 * c for c in columns.values()))
+    factor, name = length_scale(*(1e9 * c for c in columns.values()))
+    if unit is not None:
+        name, size = stated_unit(unit, "m")
+        factor = 1e-9 / size
     top = factor * 1e9 * max(float(c.max()) for c in columns.values()) or 1.0
     floor = top * 10.0**-_DECADES
     place = np.arange(len(last.order), dtype=np.float64)
@@ -88,7 +97,7 @@ def sensitivity_bars(
         axes.set_xlim(floor, 2.0 * top)
         axes.grid(visible=False, axis="y")
         kind = "optical path" if last.response == "wavefront" else f"{last.direction} deviation"
-        axes.set(xlabel=f"Sq of the {kind} / {unit}", ylabel="error term")
+        axes.set(xlabel=f"Sq of the {kind} / {name}", ylabel="error term")
         if len(named) > 1:
             axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(named))
         else:

@@ -21,6 +21,7 @@ from weakref import WeakSet
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.units import parse_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,6 +32,7 @@ __all__ = [
     "BARS",
     "COLOURS",
     "DASHED",
+    "DIMENSIONS",
     "DOTTED",
     "LINES",
     "UNITS",
@@ -49,6 +51,7 @@ __all__ = [
     "setting",
     "shades",
     "speed_name",
+    "stated_unit",
     "values",
     "write_beside",
 ]
@@ -216,6 +219,22 @@ def length_scale(*columns_nm: FloatArray) -> tuple[float, str]:
     """
     sizes = [float(np.nanmax(np.abs(c))) for c in columns_nm if np.isfinite(c).any()]
     return (1e-3, "µm") if max(sizes, default=0.0) >= 2000.0 else (1.0, "nm")
+
+
+DIMENSIONS = {"m": "length", "rad": "angle", "V": "voltage", "s": "time"}
+"""By SI unit."""
+
+
+def stated_unit(unit: str, base: str) -> tuple[str, float]:
+    """Return the name at an axis, and the value in SI, of a unit that a caller states for values in `base`.
+
+    Examples
+    --------
+    >>> stated_unit("um", "m")
+    ('µm', 1e-06)
+    """
+    factor = parse_unit(unit, dimension=DIMENSIONS.get(base)).factor
+    return unit.replace("um", "µm").replace("urad", "µrad"), factor
 
 
 UNITS: Mapping[str, Sequence[tuple[float, str]]] = {

@@ -28,6 +28,7 @@ from metrosep.plot.style import (
     new_figure,
     shades,
     speed_name,
+    stated_unit,
     values,
 )
 from metrosep.separation.contract import Separation
@@ -321,7 +322,9 @@ def reversal_quartet(
 
 
 @takes_separations
-def parts_plot(separation: Separation, ax: Axes | None = None) -> Figure | Axes:
+def parts_plot(
+    separation: Separation, ax: Axes | None = None, *, unit: str | None = None
+) -> Figure | Axes:
     """Return the parts of a separation over position or angle, one panel each.
 
     Parameters
@@ -330,6 +333,8 @@ def parts_plot(separation: Separation, ax: Axes | None = None) -> Figure | Axes:
         Whose parts are curves.
     ax : matplotlib Axes, optional
         Axes to draw into, for a separation of one part.
+    unit : str, optional
+        Unit of the values, such as "nm"; one in which they read well if omitted.
 
     Returns
     -------
@@ -348,12 +353,12 @@ def parts_plot(separation: Separation, ax: Axes | None = None) -> Figure | Axes:
         raise DataError(f"one axes cannot hold {len(shown)} parts; leave out ax")
     with house_style():
         if ax is not None:
-            _draw_parts([ax], separation, x)
+            _draw_parts([ax], separation, x, unit)
             _label_abscissa(ax, label)
             return ax
         figure = new_figure((7.2, 0.6 + 2.1 * len(shown)))
         panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
-        _draw_parts(list(panels), separation, x)
+        _draw_parts(list(panels), separation, x, unit)
         _label_abscissa(panels[-1], label)
     return figure
 
@@ -388,7 +393,9 @@ def separation_parts(document: Mapping[str, Any]) -> Figure:
     return drawn
 
 
-def _draw_parts(panels: Sequence[Axes], separation: Separation, x: FloatArray) -> None:
+def _draw_parts(
+    panels: Sequence[Axes], separation: Separation, x: FloatArray, stated: str | None = None
+) -> None:
     shown = {k: v for k, v in separation.parts.items() if v.shape == x.shape}
     groups: dict[str, list[FloatArray]] = {}
     for name, drawn in shown.items():
@@ -396,6 +403,9 @@ def _draw_parts(panels: Sequence[Axes], separation: Separation, x: FloatArray) -
     colours = (COLOURS["estimate"], COLOURS["after"], COLOURS["reverse"], COLOURS["before"])
     for i, (axes, (name, drawn)) in enumerate(zip(panels, shown.items(), strict=True)):
         factor, unit = _scale(groups[separation.units[name]], separation.units[name])
+        if stated is not None:
+            unit, size = stated_unit(stated, separation.units[name])
+            factor = 1.0 / size
         colour = colours[i % len(colours)]
         half = BAND_FACTOR * separation.u[name]
         text = name.replace("_", " ")
@@ -409,7 +419,9 @@ def _draw_parts(panels: Sequence[Axes], separation: Separation, x: FloatArray) -
         axes.set_title(text, loc="left", fontsize=9.5)
         place = axes.get_subplotspec()
         if place is None or place.is_first_col():
-            axes.set_ylabel(f"{'deviation' if unit.endswith('m') else 'angle'} / {unit}")
+            axes.set_ylabel(
+                f"{'deviation' if separation.units[name].endswith('m') else 'angle'} / {unit}"
+            )
 
 
 def _abscissa(separation: Separation) -> tuple[FloatArray, str]:
@@ -447,7 +459,9 @@ def _scale(curves: Sequence[FloatArray], unit: str) -> tuple[float, str]:
 
 
 @takes_documents
-def table_plot(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
+def table_plot(
+    document: Mapping[str, Any], ax: Axes | None = None, *, unit: str | None = None
+) -> Axes:
     """Return axes with the corrections of the table over position.
 
     Parameters
@@ -456,6 +470,8 @@ def table_plot(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
         A result (schema ``metrosep.result/1``).
     ax : matplotlib Axes, optional
         Axes to draw into; new ones if omitted.
+    unit : str, optional
+        Unit of the values, such as "nm"; one in which they read well if omitted.
 
     Returns
     -------
@@ -477,7 +493,10 @@ def table_plot(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
         place, where = (180.0 / np.pi, "deg") if turns[0] else (1e3, "mm")
         x = values(table["positions_m"]) * place
         forward, reverse = (values(table.get(k)) * 1e9 for k in ("forward_m", "reverse_m"))
-        scale, unit = (1e-3, "µrad") if turns[1] else length_scale(forward, reverse)
+        scale, name = (1e-3, "µrad") if turns[1] else length_scale(forward, reverse)
+        if unit is not None:
+            name, factor = stated_unit(unit, "rad" if turns[1] else "m")
+            scale = 1e-9 / factor
         axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7, zorder=1.5)
         both = reverse.size == 0
         axes.plot(
@@ -511,7 +530,7 @@ def table_plot(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
             )
         axis, target = table.get("axis") or "axis", table.get("compensates") or "axis"
         axes.set(
-            xlabel=f"position of {axis} / {where}", ylabel=f"correction added to {target} / {unit}"
+            xlabel=f"position of {axis} / {where}", ylabel=f"correction added to {target} / {name}"
         )
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.3)
     return axes

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.plot.style import BARS, COLOURS, DASHED, axes_or_new, house_style
+from metrosep.plot.style import BARS, COLOURS, DASHED, axes_or_new, house_style, stated_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,7 +23,9 @@ __all__ = ["contrast_plot", "disc_map", "wavefront_map", "zernike_bars"]
 _ORDERS = {"ansi": "ANSI", "noll": "Noll", "fringe": "Fringe"}
 
 
-def wavefront_map(wavefront: Wavefront, *, ax: Axes | None = None) -> Axes:
+def wavefront_map(
+    wavefront: Wavefront, *, ax: Axes | None = None, unit: str | None = None
+) -> Axes:
     """Return the map of the optical path difference.
 
     Parameters
@@ -32,6 +34,8 @@ def wavefront_map(wavefront: Wavefront, *, ax: Axes | None = None) -> Axes:
         On rings or squares.
     ax : matplotlib Axes, optional
         Where to draw.
+    unit : str, optional
+        Unit of the values, such as "nm"; one in which they read well if omitted.
 
     Returns
     -------
@@ -47,6 +51,7 @@ def wavefront_map(wavefront: Wavefront, *, ax: Axes | None = None) -> Axes:
         title=f"wavefront {kind}{rest}",
         quantity="path difference",
         ax=ax,
+        unit=unit,
     )
 
 
@@ -192,6 +197,7 @@ def disc_map(
     quantity: str = "error",
     limit: float | None = None,
     ax: Axes | None = None,
+    unit: str | None = None,
 ) -> Axes:
     """Return a map of lengths over an aperture, with a scale that is symmetric about zero.
 
@@ -209,6 +215,8 @@ def disc_map(
         End of the colour scale; the largest magnitude if omitted.
     ax : matplotlib Axes, optional
         Where to draw.
+    unit : str, optional
+        Unit of the values, such as "nm"; one in which they read well if omitted.
 
     Returns
     -------
@@ -230,16 +238,18 @@ def disc_map(
     if not known.size:
         raise DataError("there is nothing to draw: all values are NaN")
     largest = float(np.abs(known).max())
-    unit, symbol = readable_length(largest if limit is None else limit)
+    size, symbol = readable_length(largest if limit is None else limit)
+    if unit is not None:
+        symbol, size = stated_unit(unit, "m")
     reach = float(max(np.ptp(place_x), np.ptp(place_y)) / 2.0)
     along, name = readable_length(reach)
-    end = (largest if limit is None else limit) / unit or 1.0
+    end = (largest if limit is None else limit) / size or 1.0
     with house_style():
         axes = axes_or_new(ax, size=(5.0, 4.2))
-        mesh = _drawn(axes, place_x / along, place_y / along, z / unit, end)
+        mesh = _drawn(axes, place_x / along, place_y / along, z / size, end)
         axes.grid(visible=False)
         axes.set(aspect="equal", xlabel=f"x / {name}", ylabel=f"y / {name}")
-        axes.set_title(f"{title}\nP-V {np.ptp(known) / unit:.4g} {symbol}".strip(), fontsize=9.0)
+        axes.set_title(f"{title}\nP-V {np.ptp(known) / size:.4g} {symbol}".strip(), fontsize=9.0)
         bar = axes.figure.colorbar(mesh, ax=axes, shrink=0.85, aspect=22)
         bar.set_label(f"{quantity} / {symbol}")
     return axes

@@ -786,10 +786,14 @@ def _family(obj: Surface | Profile, name: str) -> str:
         return name[0]
     if isinstance(obj, Profile) and name.startswith("tp("):
         return ""  # ASME's name of mr, of any kind
-    if isinstance(obj, Surface) and name[:1] in ("S", "V"):
-        return "S"
-    what = "map" if isinstance(obj, Surface) else "profile"
-    raise DataError(f"a {what} has no parameter {name!r}")
+    if isinstance(obj, Surface):
+        if name[:1] in ("S", "V"):
+            return "S"
+        near = f"; did you mean S{name[1:]}?" if name[:1] in "spwr" or name[:1] in "PWR" else ""
+        raise DataError(f"a map has no parameter {name!r}: they are such as Sa, Sq, PV{near}")
+    kind = {"S": "R"}.get(name[:1].upper(), name[:1].upper())
+    near = f"; did you mean {kind}{name[1:]}?" if kind in ("P", "W", "R") else ""
+    raise DataError(f"a profile has no parameter {name!r}: they are such as Ra, Pt, Wq{near}")
 
 
 def _only(table: ParameterTable, names: Sequence[str]) -> ParameterTable:

@@ -164,24 +164,86 @@ TABLE = {
     "BatchReport": (("unit", "status"), True, False, False),
 }  # fmt: skip
 WALK = pytest.mark.parametrize("name", TABLE)
-# whose picture takes a unit and ends of the scale; the others have a scale of their own
-SCALED = {
-    "Surface", "Profile", "Run", "RunSet", "ParameterTable", "FitResult", "ErrorEstimate",
-    "CompensationMap", "ToolSetting",
-}  # fmt: skip
+# whose picture has no one axis of values: what is said of it
+UNSCALED = {
+    "SpiralPath": "shows places x and y in mm",
+    "Result": "first page of its report",
+    "BatchReport": "counts units by status",
+}
 
 
 def _scaled(obj):
-    """Return whether a picture follows a unit and limits; one that does not must refuse them."""
-    if type(obj).__name__ not in SCALED and not isinstance(obj, ms.parameters.ParameterTable):
-        with pytest.raises(errors.OptionError, match="own scale: plot does not take unit, vmin"):
+    """Require that a picture follows a unit and limits, or says what it shows and refuses them."""
+    kind, low = type(obj).__name__, -5.0
+    if kind in UNSCALED:
+        with pytest.raises(
+            errors.OptionError, match=UNSCALED[kind] + ".*does not take unit, vmin"
+        ):
             obj.plot(unit="pm", vmin="-5 nm", vmax="7 nm")
-        return False
-    axes = obj.plot(unit="pm", vmin="-5 nm", vmax="7 nm")
-    ends = axes.collections[0].get_clim() if axes.collections and not axes.lines else None
-    ends = axes.images[0].get_clim() if axes.images else ends or axes.get_ylim()
-    assert ends == pytest.approx((-5000.0, 7000.0), rel=1e-9)  # pm
-    return True
+        return
+    if kind == "SensitivityTable":  # bars on a logarithmic scale
+        with pytest.raises(DataError, match="must be above zero: the bars"):
+            obj.plot(vmin="-5 nm")
+        low = 5.0
+    before = _values(_single(obj.plot(unit="nm", vmin=f"{low} nm", vmax="7 nm")))
+    axes = _single(obj.plot(unit="pm", vmin=f"{low} nm", vmax="7 nm"))
+    with pytest.raises(DataError, match=r"vmin = .* must be less than vmax"):
+        obj.plot(vmin="9 nm", vmax="8 nm")
+    with pytest.raises(errors.UnitError):
+        obj.plot(unit="kg")
+    mesh = [m for m in (*axes.images, *axes.collections) if m.get_array() is not None]
+    ends = mesh[0].get_clim() if mesh else axes.get_ylim()
+    label = mesh[0].colorbar.ax.get_ylabel() if mesh else axes.get_ylabel()
+    if kind == "SensitivityTable":
+        ends, label = axes.get_xlim(), axes.get_xlabel()
+    assert ends == pytest.approx((low * 1e3, 7000.0), rel=1e-9)  # pm
+    assert "/ pm" in label
+    np.testing.assert_allclose(_values(axes), 1e3 * before, rtol=1e-9)
+
+
+def _single(drawn):
+    return drawn.axes[0] if hasattr(drawn, "subfigures") else drawn
+
+
+def _values(axes):
+    """Return the values that are drawn: of colours, curves or bars."""
+    for mesh in (*axes.images, *axes.collections):
+        if mesh.get_array() is not None:
+            return np.ma.filled(mesh.get_array(), 0.0).ravel()
+    bars = [p.get_width() if axes.get_xscale() == "log" else p.get_height() for p in axes.patches]
+    curves = sorted(axes.lines, key=lambda c: -len(c.get_xdata()))
+    return np.array(bars) if bars else np.asarray(curves[0].get_ydata())
+
+
+def test_values_of_several_units_have_no_scale_in_common():
+    both = ms.Recording(
+        [0.0, 1.0],
+        {"gap": [1e-6, 2e-6], "trigger": [0.0, 5.0]},
+        units={"gap": "m", "trigger": "V"},
+    )
+    assert both.plot() is not None
+    with pytest.raises(
+        errors.OptionError, match=r"gap \(m\), trigger \(V\) share no unit.*channel="
+    ):
+        both.plot(vmax="3 um")
+    axes = both.plot(channel="gap", unit="nm", vmin=0.0, vmax="3 um")
+    assert axes.get_ylim() == pytest.approx((0.0, 3000.0))
+    assert axes.get_ylabel() == "reading / nm"
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), [1000.0, 2000.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", [n for n in OBJECTS if n != "ParameterTable"])
+def test_a_frozen_object_says_so(name):
+    obj = OBJECTS[name]
+    field = next(iter(obj.__dataclass_fields__))
+    for attribute, says in (
+        (field, f"{field} is a field of it"),
+        ("nonsense", "it has no 'nonsen"),
+    ):
+        with pytest.raises(AttributeError, match=rf"a {name} does not change, and {says}"):
+            setattr(obj, attribute, 1)
+        with pytest.raises(AttributeError, match="does not change"):
+            delattr(obj, attribute)
 
 
 def test_the_table_of_the_contract_is_walked_whole():
@@ -253,7 +315,7 @@ def test_it_draws_itself_with_units_on_its_axes(name):
         assert obj.plot(own) is own
         assert own.has_data()
     assert dict(mpl.rcParams) == before
-    assert _scaled(obj) == (name in SCALED)
+    _scaled(obj)
     several = [axes] if isinstance(axes, Axes) else axes.axes
     # bars that lie have their unit on the abscissa
     assert any(
@@ -435,11 +497,6 @@ def test_limits_of_a_picture_take_units():
 def test_a_picture_with_a_scale_of_its_own_takes_no_other(kind, option):
     with pytest.raises(errors.OptionError, match=f"own scale.*{next(iter(option))}"):
         OBJECTS["ErrorEstimate"].plot(kind, **option)
-
-
-def test_a_recording_is_drawn_in_its_own_units():
-    with pytest.raises(errors.OptionError, match=r"own scale.*unit"):
-        OBJECTS["Recording"].plot(unit="nm")
 
 
 @pytest.mark.parametrize(

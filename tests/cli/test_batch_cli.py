@@ -41,7 +41,16 @@ def home(tmp_path, monkeypatch):
 def call(home, *words, upper="200 nm"):
     (home / "r.toml").write_text(RECIPE.format(upper=upper))
     with pytest.raises(SystemExit) as end:
-        main(["batch", "r.toml", "in", "-o", "qa", "--scheduler", "serial", *words])
+        main(
+            [
+                "batch",
+                "r.toml",
+                "in",
+                "-o",
+                "qa",
+                *(words if "--scheduler" in words else ("--scheduler", "serial", *words)),
+            ]
+        )
     return end.value.code
 
 

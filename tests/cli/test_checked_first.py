@@ -101,3 +101,88 @@ def test_fields_of_the_report_are_stated_where_a_report_is_written(metrosep, fol
     pages = [p.read_text("utf-8") for p in (folder / "qa").rglob("report.html")]
     assert pages
     assert all("2026-7" in p for p in pages)
+
+
+LIST = ("l.csv", "--target", "target_mm", "--direction", "dir", "--readings", "d1_um,d2_um")
+
+
+@pytest.mark.parametrize(
+    ("words", "lacks"),
+    [
+        (LIST[:3], ["direction", "readings", "axis"]),
+        (LIST, ["deviation", "axis"]),
+        ((*LIST, "--format", "pmac"), ["deviation", "machine count=...", "axis"]),
+        ((RUNS, *COLUMNS[:2], "--format", "pmac"), ["z", "machine count=..."]),
+        ((RUNS, *COLUMNS, "--format", "pmac"), ["machine count=...", "compensates"]),
+    ],
+)
+def test_a_table_lists_all_that_its_call_lacks(metrosep, folder, words, lacks):
+    rows = [f"{x},{way},{x / 100},{x / 90}" for way in ("fwd", "rev") for x in range(0, 101, 20)]
+    (folder / "l.csv").write_text("target_mm,dir,d1_um,d2_um\n" + "\n".join(rows), "utf-8")
+    code, _, err = metrosep("table", *words, "-o", "x.tab")
+    assert code == 2
+    s = "s" if len(lacks) > 1 else ""
+    assert f"Missing option{s} " + " and ".join(f"'--{name}'" for name in lacks) in err
+    assert "separating" not in err
+
+
+def test_places_of_axes_and_facts_are_asked_for_together(metrosep, folder):
+    (folder / "e.csv").write_text("x_mm,EXX_um\n0,0\n10,1\n", "utf-8")
+    machine = ("five_axis", "e.csv", "--pivot-height", "80 mm", "--at", "Z=0 mm")
+    for words, lacks in (
+        (
+            ("machine-tables", "--over", "X", "--spacing", "1 mm", "-o", "t", "--format", "pmac"),
+            ("machine count=...", "at Y=0 mm", "at A=0 deg", "at C=0 deg"),
+        ),
+        (("volume", "--tolerance", "1 um"), ("at A=0 deg", "at C=0 deg")),
+    ):
+        code, _, err = metrosep(words[0], *machine, *words[1:])
+        assert code == 2
+        assert "Missing options " + " and ".join(f"'--{name}'" for name in lacks) in err
+
+
+def test_the_state_of_the_air_is_asked_for_at_once(metrosep):
+    assert "temperature and pressure and humidity" in metrosep("air")[2]
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (("table", "a", "--format", "csv", "--format=pmac", "-o", "b"), "--format"),
+        (("separate", "a", "-o", "b", "--out", "c"), "--out"),
+        (("measure", "a", "--params", "Sq", "--params", "Sz"), "--params"),
+        (
+            ("path", "a.nc", "--error", "b", "-o", "c", "--machine", "d", "--machine", "d"),
+            "--machine",
+        ),
+    ],
+)
+def test_an_option_of_one_value_is_not_taken_twice(metrosep, words, option):
+    code, _, err = metrosep(*words)
+    assert code == 2
+    assert f"{option} is given twice and takes one value" in err
+
+
+def test_options_of_many_values_and_flags_repeat(metrosep, folder):
+    again = (
+        "--sign-confirmed",
+        "--sign-confirmed",
+        "--machine",
+        "stroke=5 um",
+        "--machine",
+        "x=1 um",
+    )
+    err = metrosep("table", RUNS, *COLUMNS, *again, "-o", "x.tab")[2]
+    assert "Missing option '--compensates'" in err
+
+
+@pytest.mark.parametrize(("name", "near"), [("sq", "did you mean Sq?"), ("Sx", "nearest: ")])
+def test_a_parameter_of_another_spelling_has_a_near_one(metrosep, folder, name, near):
+    import numpy as np
+
+    import metrosep as ms
+
+    ms.write(ms.Surface(1e-9 * np.arange(400.0).reshape(20, 20) % 7, 1e-6, 1e-6), "a.sdf")
+    code, _, err = metrosep("measure", "a.sdf", "--params", name)
+    assert code == 2
+    assert near in err

@@ -660,7 +660,7 @@ def test_the_command_that_is_named_next_judges_a_second_list(tmp_path, monkeypat
 
     monkeypatch.chdir(tmp_path)
     file = laser_file(tmp_path / "list.csv", trims(None), seed=1)
-    words = [*NAMES, "--deviation", "reached-minus-target", "--axis", "X", "--compensates", "X"]
+    words = [*NAMES, "--deviation", "reached-minus-target", "--compensates", "X"]
     with pytest.raises(SystemExit) as ended:
         main(["table", str(file), *words, "-o", "x.comp"])
     assert ended.value.code == 0

@@ -536,7 +536,7 @@ def test_several_tables_of_one_call_each_have_options_of_their_own(metrosep, tmp
     # what is written alone, or from the result, is the same file
     alone = tmp_path / "alone.csv"
     code, _, err = metrosep(
-        *call, "--compensates", "X", "--reference", "20 mm", "--machine", "travel_high=60 mm",
+        *call[:-2], "--compensates", "X", "--reference", "20 mm", "--machine", "travel_high=60 mm",
         "--spacing", "2 mm", "--table", f"csv={alone}",
     )  # fmt: skip
     assert code == 0, err

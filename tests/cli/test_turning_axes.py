@@ -107,7 +107,7 @@ def test_run_out_over_an_angle_is_a_table_of_lengths_over_degrees(tmp_path, metr
     call = [w.replace("arcsec", "um") for w in CALL]
     code, _, told = metrosep("table", file, *call, "--axis", "C", "-o", out)
     assert code == 2, told
-    assert "--axis C --compensates Z" in told
+    assert "Missing option '--compensates'; lengths over an angle" in told
     code, _, told = metrosep("table", file, *call, "--axis", "C", "--compensates", "Z", "-o", out)
     assert code == 0, told
     assert "C -> Z" in told
