@@ -278,9 +278,9 @@ def _multiples(text: str, span: tuple[float, float], axis: str) -> FloatArray:
             "make sense: check the unit"
         ).hinting(spacing=rounded_spacing((high - low) / USUAL_ENTRIES, axis))
     if last - first < 1:
-        raise TableError(f"no two multiples of {text!r} lie in {covered}; use a finer spacing").hinting(
-            spacing=rounded_spacing((high - low) / USUAL_ENTRIES, axis)
-        )
+        raise TableError(
+            f"no two multiples of {text!r} lie in {covered}; use a finer spacing"
+        ).hinting(spacing=rounded_spacing((high - low) / USUAL_ENTRIES, axis))
     return np.clip(np.arange(first, last + 1) * spacing, low, high)
 
 
@@ -296,7 +296,9 @@ def rounded_spacing(size: float, axis: str = "X", *, up: bool = False) -> str:
     """
     micro = (math.degrees(size) if is_rotary(axis) else size) * 1e6
     round_ones = [digit * 10.0**power for power in range(-3, 9) for digit in (1, 2, 5)]
-    fits = [r for r in round_ones if (r >= micro * (1 - _SAME) if up else r <= micro * (1 + _SAME))]
+    fits = [
+        r for r in round_ones if (r >= micro * (1 - _SAME) if up else r <= micro * (1 + _SAME))
+    ]
     found = (fits or round_ones)[0 if up else -1]
     if is_rotary(axis):
         return f"{found / 1e6:g} deg"

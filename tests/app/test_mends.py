@@ -149,7 +149,7 @@ def test_a_table_with_too_many_entries_is_mended_by_the_finest_round_spacing_tha
     [
         ({"spacing": "80 mm"}, "Set spacing = 0.5 mm"),
         ({"spacing": "1 nm"}, "Set spacing = 0.5 mm"),
-        ({"spacing": "1 mm", "axis": "X\"\ndirection = \"split"}, "Set direction = both"),
+        ({"spacing": "1 mm", "axis": 'X"\ndirection = "split'}, "Set direction = both"),
     ],
 )
 def test_a_table_that_cannot_be_sampled_gets_what_can(tmp_path, given, label):

@@ -179,10 +179,14 @@ class JointOptions:
                 "times its speed; fit the one or the other"
             ).hinting(position_offsets=False)
         if self.position_offsets and self.following == "waves":
-            raise NotSeparableError(
-                "following='waves' and position_offsets cannot be distinguished: a displaced run changes the "
-                "phase of each wave; fit the one or the other"
-            ).hinting(position_offsets=False).hinting(following="off")
+            raise (
+                NotSeparableError(
+                    "following='waves' and position_offsets cannot be distinguished: a displaced run changes the "
+                    "phase of each wave; fit the one or the other"
+                )
+                .hinting(position_offsets=False)
+                .hinting(following="off")
+            )
         if self.following == "waves" and fit_lag:
             raise NotSeparableError(
                 "lag='fit' and following='waves' cannot be distinguished: a lag is a wave in "
