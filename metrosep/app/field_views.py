@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from metrosep.app.map_views import lateral_unit
 from metrosep.app.wire import Arrays
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
@@ -94,21 +95,24 @@ def heights_view(found: Distribution, at: Any) -> tuple[dict[str, Any], Arrays]:
 
 
 def waves_view(surface: Surface) -> tuple[Mapping[str, Any], Arrays]:
-    """Return the two-sided density over fx and fy as a picture, six decades, row 0 the largest fy."""
+    """Return the two-sided density over fx and fy as a picture, six decades, row 0 the largest fy.
+
+    Lengths of a map without lateral calibration are px.
+    """
     from metrosep.spectral.density import areal_psd
 
-    if surface.dx is None or surface.dy is None:
-        raise DataError("the map has no lateral calibration, so its waves have no lengths")
+    unit = lateral_unit(surface)
+    dx, dy = (1.0, 1.0) if unit == "px" else (surface.dx or 1.0, surface.dy or 1.0)
     z, share = _filled(_outline(surface.z))
     k = max(1, -(-max(z.shape) // _SIDE))
     ny, nx = (n // k for n in z.shape)
     z = z[: ny * k, : nx * k].reshape(ny, k, nx, k).mean(axis=(1, 3))
-    coarse = Surface(z, k * surface.dx, k * surface.dy)
+    coarse = Surface(z, k * dx, k * dy)
     psd = areal_psd(coarse, window="hann", detrend="plane")
     density = psd.density.copy()
     cy, cx = psd.frequency_y.size // 2, psd.frequency_x.size // 2
     density[cy, cx] = 0.0  # what the window leaves of the mean
-    area = coarse.shape[0] * coarse.shape[1] * k * k * surface.dx * surface.dy
+    area = coarse.shape[0] * coarse.shape[1] * k * k * dx * dy
     top = float(density.max())
     j, i = np.unravel_index(int(density.argmax()), density.shape)
     fx, fy = float(psd.frequency_x[i]), float(psd.frequency_y[j])
@@ -118,9 +122,9 @@ def waves_view(surface: Surface) -> tuple[Mapping[str, Any], Arrays]:
             f"{100.0 * share:.3g} % not measured: the mean around stands there, for this picture only"
         )
     if k > 1:
-        notes.append(
-            f"means of {k} × {k} pixels; waves from {format_length(2 * k * max(surface.dx, surface.dy))} on"
-        )
+        shortest = 2 * k * max(dx, dy)
+        words = f"{shortest:g} px" if unit == "px" else format_length(shortest)
+        notes.append(f"means of {k} × {k} pixels; waves from {words} on")
     if not top > 0.0:
         raise TooFewSamplesError("the map is flat: there are no waves in it")
     b = max(1, -(-max(density.shape) // _SHOWN))
@@ -131,6 +135,7 @@ def waves_view(surface: Surface) -> tuple[Mapping[str, Any], Arrays]:
     step_x, step_y = (float(f[1] - f[0]) for f in (psd.frequency_x, psd.frequency_y))
     edge = (float(psd.frequency_x[0]) - 0.5 * step_x, float(psd.frequency_y[0]) - 0.5 * step_y)
     header = {
+        "unit": unit,
         "window": [
             *edge,
             edge[0] + b * step_x * shown.shape[1],

@@ -1,7 +1,8 @@
 """Buttons beside what went wrong: each is an edit of the recipe that was tried before it is offered.
 
-A message of the library names the key that helps, as a recipe has it (``lateral_step = "... um" in
-[input]``). What it names with a value is an edit; dots are a question of the page.
+An error carries what helps as data (`MetrosepError.hints`). Else its message names the key, as a
+recipe has it (``lateral_step = "... um" in [input]``): what it names with a value is an edit; dots
+are a question of the page.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 from metrosep.app.documents import Edit, RecipeDocument
 from metrosep.core.errors import MetrosepError, RecipeError
 
-__all__ = ["mends_of_edit", "mends_of_refusal", "mends_of_step"]
+__all__ = ["mends_of_edit", "mends_of_refusal", "mends_of_step", "mends_of_table"]
 
 _KEY = re.compile(
     r'(?<![\w.\-"])([a-z_]\w*) = ("[^"]*"|\[[^\[\]]*\]|true|false|-?\d[\d.]*)(?: (in \[input\]))?'
@@ -23,15 +24,18 @@ _MOST = 3
 """Buttons under one message."""
 
 
-def mends_of_step(document: RecipeDocument, index: int, message: str) -> list[dict[str, Any]]:
-    """Return what may be done where a step cannot be carried out, what the message names first.
+def mends_of_step(
+    document: RecipeDocument, index: int, error: MetrosepError | str
+) -> list[dict[str, Any]]:
+    """Return what may be done where a step cannot be carried out, what the error names first.
 
     Each is ``{label, edits}``; with ``ask`` (``{label, hint}``) the page asks for the value of the
     last edit.
     """
     place = ["step", index]
-    found = [m for m in _named(message, place) if m["ask"] or _works(document, m["edits"])]
-    if len(document.recipe.steps) > 1:
+    found = [m for m in _named(error, place) if m["ask"] or _works(document, m["edits"])]
+    steps = document.recipe.steps
+    if len(steps) > 1 and steps[index]["op"] != "separate":  # all numbers of runs are of this one
         skip = {"path": [*place, "enabled"], "new": False}
         found = [
             *found[: _MOST - 1],
@@ -53,7 +57,7 @@ def mends_of_refusal(document: RecipeDocument, error: MetrosepError) -> list[dic
         ]
         found = [
             {"label": f"Move step {k + 1} to the end", "edits": moved, "ask": None},
-            *(m for m in _named(str(error), ["step", k])),
+            *(m for m in _named(error, ["step", k])),
         ]
     else:
         line = error.line if isinstance(error, RecipeError) else None
@@ -63,14 +67,29 @@ def mends_of_refusal(document: RecipeDocument, error: MetrosepError) -> list[dic
     return _with_old(document, [m for m in found if _works(document, m["edits"])])
 
 
+def mends_of_table(
+    document: RecipeDocument, at: int, hints: Sequence[Mapping[str, Any]]
+) -> list[dict[str, Any]]:
+    """Return what may be done where a table is refused; nothing that touches its sign or a waiver."""
+    found = []
+    for hint in hints:
+        keys = [(["output", at, k], ["output", at, "machine", k]) for k in hint]
+        for places in zip(*keys, strict=True):  # a key of the table, else a fact of its controller
+            mend = _mend(hint, places)
+            if _works(document, mend["edits"]):
+                found.append(mend)
+                break
+    return _with_old(document, found[:_MOST])
+
+
 def mends_of_edit(
-    document: RecipeDocument, edits: Sequence[Edit], message: str
+    document: RecipeDocument, edits: Sequence[Edit], error: MetrosepError | str
 ) -> list[dict[str, Any]]:
     """Return edits that go with one that was refused, so that both together are taken."""
     made = [{"path": list(e.path), "old": e.old, "new": e.new} for e in edits]
     found = []
     for place in _places(document, edits):
-        for mend in _named(message, place):
+        for mend in _named(error, place):
             whole = {**mend, "edits": [*made, *mend["edits"]]}
             if not mend["ask"] and _works(document, whole["edits"]):
                 found.append(whole)
@@ -84,10 +103,24 @@ def _places(document: RecipeDocument, edits: Sequence[Edit]) -> Iterator[list[st
         yield ["step", k]
 
 
-def _named(message: str, place: list[Any]) -> Iterator[dict[str, Any]]:
-    """Give the keys that a message names with a value or dots."""
+def _mend(hint: Mapping[str, Any], places: Sequence[Sequence[Any]]) -> dict[str, Any]:
+    edits = [{"path": [*p], "new": v} for p, v in zip(places, hint.values(), strict=True)]
+    said = ", ".join(f"{k.replace('_', ' ')} = {_shown(v)}" for k, v in hint.items())
+    return {"label": f"Set {said}", "edits": edits, "ask": None}
+
+
+def _shown(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _named(error: MetrosepError | str, place: list[Any]) -> Iterator[dict[str, Any]]:
+    """Give what an error carries, else the keys that its message names with a value or dots."""
+    hints = getattr(error, "hints", ())
+    if hints:
+        yield from (_mend(hint, [[*place, k] for k in hint]) for hint in hints)
+        return
     seen = set()
-    for key, typed, in_input in _KEY.findall(message):
+    for key, typed, in_input in _KEY.findall(str(error)):
         if key in seen:
             continue
         seen.add(key)
@@ -129,10 +162,12 @@ def _works(document: RecipeDocument, edits: Sequence[Mapping[str, Any]]) -> bool
 def _with_old(
     document: RecipeDocument, mends: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    return [
+    """Return those that change something, with what stands there now."""
+    whole = [
         {**m, "edits": [{"old": _old(document, e["path"]), **e} for e in m["edits"]]}
         for m in mends
     ]
+    return [m for m in whole if m["ask"] or any(e["old"] != e["new"] for e in m["edits"])]
 
 
 def _old(document: RecipeDocument, path: Sequence[str | int]) -> Any:

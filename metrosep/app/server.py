@@ -358,6 +358,8 @@ class _Talk:
                 header["error"]["message"] = self.answers.session.words(str(exc))
             if kind == "edit" and isinstance(exc, RecipeError):
                 header["error"]["mends"] = self.answers.session.mends(exc, edits_of(message))
+            elif kind in OF_RUNS:
+                header["error"]["mends"] = self.answers.session.mends_of_runs(exc)
             return header, {}
         except (KeyError, TypeError, ValueError) as exc:
             words = f"the request {kind} is not as it should be ({type(exc).__name__}: {exc})"
@@ -416,6 +418,8 @@ _ELSEWHERE = {
 """Functions ``f(session, message, cancel, tell)`` in modules of their own, loaded when asked."""
 
 KINDS = (*_OWN, *_PICTURES, *_ELSEWHERE)
+OF_RUNS = ("curves", "waves", "table")
+"""What is made of separated runs: where they cannot be separated, the answer says what may be done."""
 
 
 def _never() -> bool:

@@ -205,9 +205,9 @@ class Session:
 
     def failure(self, outcome: Outcome) -> dict[str, Any]:
         """Return the step that could not be carried out, why, and what may be done."""
-        index, words = outcome.failed, str(outcome.error)
-        mends = [] if index is None else mends_of_step(self._need(), index, words)
-        return {"index": index, "message": words, "mends": mends}
+        index, error = outcome.failed, outcome.error
+        mends = [] if index is None or error is None else mends_of_step(self._need(), index, error)
+        return {"index": index, "message": str(error), "mends": mends}
 
     def mends(
         self, error: MetrosepError, edits: Sequence[Edit] | None = None
@@ -215,7 +215,15 @@ class Session:
         """Return what may be done about edits that were refused, or steps and limits that do not fit."""
         if edits is None:
             return mends_of_refusal(self._need(), error)
-        return mends_of_edit(self._need(), edits, str(error))
+        return mends_of_edit(self._need(), edits, error)
+
+    def mends_of_runs(self, error: MetrosepError) -> list[dict[str, Any]]:
+        """Return what may be done where runs cannot be separated."""
+        with self.lock:
+            document = self.document
+        steps = () if document is None else document.recipe.steps
+        at = next((i for i, step in enumerate(steps) if step["op"] == "separate"), None)
+        return [] if document is None or at is None else mends_of_step(document, at, error)
 
     def state(self) -> dict[str, Any]:
         """Return everything that the page shows of the recipe."""

@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 
 from metrosep.app.documents import Edit, RecipeDocument
+from metrosep.app.mends import mends_of_table
 from metrosep.app.opening import Opened
 from metrosep.app.separations import Separations, described_controllers, machine_facts, sign_words
 from metrosep.app.sessions import Session, mark_of
 from metrosep.app.wire import Answer, Arrays, Cancel, Message, Tell, plain
 from metrosep.compensation.measured import Folds
+from metrosep.compensation.sampling import USUAL_ENTRIES, rounded_spacing
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialTable, trial_table
 from metrosep.compensation.verify import Verification
@@ -46,9 +48,6 @@ from metrosep.recipe.recipe import Recipe
 from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["controllers", "table"]
-
-_ENTRIES = 100
-"""About as many has the first table that the page suggests."""
 
 
 def controllers(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
@@ -90,6 +89,11 @@ def table(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Ans
             raise DataError("a draft is not written; put it into the recipe first")
         return _written(session, message, wanted, basis), {}
     view = view_table(wanted, estimate, basis)
+    refusal = view.header.get("refused")
+    if refusal is not None:
+        hints = refusal.pop("hints")
+        at = found[_number(message, len(found))] if draft is None else None
+        refusal["mends"] = [] if at is None else mends_of_table(document, at, hints)
     header = {
         "n_tables": len(found),
         "name": wanted.output["path"],
@@ -181,7 +185,7 @@ def _suggested(recipe: Recipe, runs: RunSet) -> dict[str, Any]:
         "axis": axis,
         # which axis is corrected is never assumed: the form asks where no column says it
         **({} if compensates is None else {"compensates": compensates}),
-        "spacing": _near(span / _ENTRIES),
+        "spacing": rounded_spacing(span / USUAL_ENTRIES, axis),
         "path": f"{axis.lower()}-{(compensates or axis).lower()}.csv",
     }
 
@@ -191,23 +195,6 @@ def _axis_of(column: Any) -> str | None:
     name = column.get("column", "") if isinstance(column, Mapping) else column
     found = re.match(r"([XYZABCUVW])[0-9]?(?![A-Za-z])", str(name).strip().upper())
     return found.group(1) if found else None
-
-
-def _near(length: float) -> str:
-    """Return 1, 2 or 5 with zeros, not above a length, as text.
-
-    Examples
-    --------
-    >>> _near(0.45e-3), _near(1.7e-5)
-    ('0.2 mm', '10 um')
-    """
-    micrometres = length * 1e6
-    power = -3
-    while 10.0 ** (power + 1) <= micrometres * (1 + 1e-9):
-        power += 1
-    digit = next(d for d in (5, 2, 1) if d == 1 or d * 10.0**power <= micrometres * (1 + 1e-9))
-    size = digit * 10.0**power
-    return f"{size / 1000:g} mm" if size >= 100 else f"{size:g} um"
 
 
 # ---- files -----------------------------------------------------------------------------------
@@ -318,13 +305,15 @@ def _refusal(
     open_ones = [f for f in findings if f["level"] == "error" and f["check"] not in wanted.waive]
     checks = list(dict.fromkeys(f["check"] for f in open_ones))
     if isinstance(exc, SignNotConfirmedError):
-        return _said(words, "sign", waivable=False, option="sign_confirmed")
-    if isinstance(exc, SignCheckFailedError):
-        return _said(words, "dry-run", waivable=False)
-    if checks:
+        said = _said(words, "sign", waivable=False, option="sign_confirmed")
+    elif isinstance(exc, SignCheckFailedError):
+        said = _said(words, "dry-run", waivable=False)
+    elif checks:
         waivable = all(c in CHECKS for c in checks)
-        return {**_said(words, checks[0], waivable=waivable), "checks": checks}
-    return _said(words, "", waivable=False)
+        said = {**_said(words, checks[0], waivable=waivable), "checks": checks}
+    else:
+        said = _said(words, "", waivable=False)
+    return {**said, "hints": exc.hints}
 
 
 def _said(words: str, check: str, *, waivable: bool, option: str | None = None) -> dict[str, Any]:

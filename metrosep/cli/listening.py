@@ -11,7 +11,15 @@ from metrosep.cli.options import say
 __all__ = ["listen"]
 
 
-@click.command()
+_GAUGES = r"""
+Examples:
+  metrosep listen tcp://192.168.0.20:5000 --columns x_mm,z_um -o run1.csv
+  metrosep listen serial:/dev/ttyUSB0:9600 --columns z_mm --ask "1\r" --line "01A{}" -o run1.csv
+  halsampler -n 6000 | metrosep listen - --columns x_mm,z_um -o run1.csv
+"""
+
+
+@click.command(epilog=f"\b{_GAUGES}")
 @click.argument("source")
 @click.option(
     "--columns",
@@ -26,26 +34,42 @@ __all__ = ["listen"]
     metavar="TIME",
     help='Time between two writes to FILE; "3 s" if omitted.',
 )
+@click.option(
+    "--ask",
+    metavar="TEXT",
+    help=r'Send this for each reading, for a gauge that answers only: "M\r\n".',
+)
+@click.option(
+    "--pace", default="1 s", metavar="TIME", help='Time between two --ask; "1 s" if omitted.'
+)
+@click.option(
+    "--line", "form", metavar="FORM", help='Form of a line that is not numbers alone: "01A{}".'
+)
 @click.option("--for", "seconds", metavar="TIME", help='End after this time: "10 min".')
-def listen(source: str, columns: str, out: str, every: str, seconds: str | None) -> int:
-    r"""Record what SOURCE sends: lines of numbers, one reading each, until it ends or Ctrl-C.
+def listen(
+    source: str,
+    columns: str,
+    out: str,
+    every: str,
+    ask: str | None,
+    pace: str,
+    form: str | None,
+    seconds: str | None,
+) -> int:
+    """Record what SOURCE sends: lines of numbers, one reading each, until it ends or Ctrl-C.
 
     SOURCE is tcp://HOST:PORT of a gauge, serial:DEVICE:BAUD, or - for what a program prints, such as
     LinuxCNC's halsampler. 'metrosep ui FILE' shows the file as it grows ("follow this file").
-
-    \b
-    Examples:
-      metrosep listen tcp://192.168.0.20:5000 --columns x_mm,z_um -o run1.csv
-      halsampler -n 6000 | metrosep listen - --columns x_mm,z_um -o run1.csv
     """
     from metrosep.core.numbers import positive
-    from metrosep.io.live import LineTable, open_line, record
+    from metrosep.io.live import LineTable, Question, open_line, record
 
     pause = positive(every, "--every", dimension="time")
     end = None if seconds is None else positive(seconds, "--for", dimension="time")
-    table = LineTable([n.strip() for n in columns.split(",")], source)
+    table = LineTable([n.strip() for n in columns.split(",")], source, form)
+    question = None if ask is None else Question(ask, positive(pace, "--pace", dimension="time"))
     file = Path(out)
-    with open_line(source) as chunks:
+    with open_line(source, question) as chunks:
         say(f"{source}: recording to {file.name}; Ctrl-C ends it")
         try:
             record(chunks, table, file, every=pause, seconds=end)
@@ -54,5 +78,9 @@ def listen(source: str, columns: str, out: str, every: str, seconds: str | None)
     left = ", an unfinished last line was not kept" if table.is_unfinished else ""
     say(f"{file.name}: {table.n_rows} readings{left}")
     if not table.n_rows:
-        say("nothing came: does the gauge send by itself, or only when it is asked?")
+        say(
+            "nothing came: does the gauge send only when it is asked (--ask)?"
+            if ask is None
+            else "nothing came: does the gauge know this question, with this line end?"
+        )
     return 0

@@ -6,8 +6,8 @@ controllers notes, section 8, checks 5 to 9, and the dead zone of LinuxCNC in se
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, Self, cast
 
 import numpy as np
@@ -164,12 +164,15 @@ class Finding:
         What to do.
     check : str, optional
         Name of the check, by which it can be waived.
+    hint : mapping, optional
+        What mends it where a value is known: keys of the table, or facts of the controller.
     """
 
     level: Literal["error", "warning"]
     problem: str
     fix: str
     check: str = ""
+    hint: Mapping[str, Any] | None = field(default=None, compare=False)
 
     @classmethod
     def error(cls, problem: str, fix: str, check: str = "") -> Finding:

@@ -37,6 +37,7 @@ from metrosep.separation.positions.pitch import PitchErrors
 from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = [
+    "USUAL_ENTRIES",
     "Direction",
     "ErrorFunction",
     "ErrorSource",
@@ -44,6 +45,7 @@ __all__ = [
     "SampledError",
     "grid_positions",
     "inverse_along",
+    "rounded_spacing",
     "sample_area",
     "sample_error",
     "significant_lost_motion",
@@ -58,6 +60,9 @@ _DENSE = 20
 
 _MAX_ENTRIES = 100_000
 """More entries than any controller takes: the spacing was typed in the wrong unit."""
+
+USUAL_ENTRIES = 100
+"""About as many has a table whose spacing is suggested."""
 
 _SAME = 1e-9
 """Positions closer than this, relative to the span, are one (0.1 mm times 3 in binary)."""
@@ -165,14 +170,14 @@ def _functions(
         raise DataError(
             "direction='split' needs runs in both directions (or reverse=); this error has one "
             "direction: use direction='both'"
-        )
+        ).hinting(direction="both")
     if isinstance(error, ErrorEstimate) and _is_split(error, direction):
         return function(error, 1), _minus(function(error, -1), -significant_lost_motion(error))
     sign = {"forward": 1, "reverse": -1}.get(direction)
     if sign is not None and isinstance(error, ErrorEstimate) and sign not in error.directions:
         raise DataError(
             f"direction={direction!r}, but the estimate has no {direction} runs; use direction='both'"
-        )
+        ).hinting(direction="both")
     return function(error, sign), None
 
 
@@ -265,16 +270,39 @@ def _multiples(text: str, span: tuple[float, float], axis: str) -> FloatArray:
     if not 0.0 < spacing <= high - low:
         raise TableError(
             f"spacing {text!r} must be positive and at most the measured range {covered}"
-        )
+        ).hinting(spacing=rounded_spacing((high - low) / USUAL_ENTRIES, axis))
     first, last = math.ceil(low / spacing - _SAME), math.floor(high / spacing + _SAME)
     if last - first > _MAX_ENTRIES:
         raise TableError(
             f"spacing {text!r} gives {last - first + 1} entries over {covered}; at most {_MAX_ENTRIES} "
             "make sense: check the unit"
-        )
+        ).hinting(spacing=rounded_spacing((high - low) / USUAL_ENTRIES, axis))
     if last - first < 1:
-        raise TableError(f"no two multiples of {text!r} lie in {covered}; use a finer spacing")
+        raise TableError(
+            f"no two multiples of {text!r} lie in {covered}; use a finer spacing"
+        ).hinting(spacing=rounded_spacing((high - low) / USUAL_ENTRIES, axis))
     return np.clip(np.arange(first, last + 1) * spacing, low, high)
+
+
+def rounded_spacing(size: float, axis: str = "X", *, up: bool = False) -> str:
+    """Return 1, 2 or 5 with zeros, not above a spacing (with `up` not below), as text.
+
+    Examples
+    --------
+    >>> rounded_spacing(0.45e-3), rounded_spacing(1.7e-5), rounded_spacing(0.45e-3, up=True)
+    ('0.2 mm', '10 um', '0.5 mm')
+    >>> rounded_spacing(0.02, "C")
+    '1 deg'
+    """
+    micro = (math.degrees(size) if is_rotary(axis) else size) * 1e6
+    round_ones = [digit * 10.0**power for power in range(-3, 9) for digit in (1, 2, 5)]
+    fits = [
+        r for r in round_ones if (r >= micro * (1 - _SAME) if up else r <= micro * (1 + _SAME))
+    ]
+    found = (fits or round_ones)[0 if up else -1]
+    if is_rotary(axis):
+        return f"{found / 1e6:g} deg"
+    return f"{found / 1000:g} mm" if found >= 100 else f"{found:g} um"
 
 
 def _inside(positions: FloatArray, known: tuple[float, float], axis: str) -> FloatArray:

@@ -17,6 +17,7 @@ from metrosep.compensation.area_errors import format_along, format_amount, forma
 from metrosep.compensation.limits import Limits
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.rounding import Rounded, round_increments
+from metrosep.compensation.sampling import rounded_spacing
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import is_uniform, resample_uniform, resampling_error
 from metrosep.controllers.base import Dialect, Simulator, sidecar_options, table_lookup
@@ -391,11 +392,12 @@ def uniform_positions(
     above = math.ceil((high - anchor) / interval - 1e-6)
     below, above = max(below, 0), max(above, 0)
     if below + above + 1 > max_points:
+        least = span / max(max_points - 3, 1)
         raise LimitError(
             f"{below + above + 1} points at {format_along(table.axis, interval, digits=6)}, {title} takes "
             f"{max_points}; give interval= at least "
-            f"{format_span(table.axis, span / max(max_points - 3, 1))}"
-        )
+            f"{format_span(table.axis, least)}"
+        ).hinting(interval=rounded_spacing(least, table.axis, up=True))
     return np.asarray(anchor + interval * np.arange(-below, above + 1, dtype=np.float64))
 
 

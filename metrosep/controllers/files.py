@@ -394,7 +394,9 @@ def _is_plain(value: object) -> bool:
 
 
 def _described_finding(finding: Finding, waived: Sequence[str]) -> dict[str, Any]:
-    return {**asdict(finding), **({"waived": True} if finding.check in waived else {})}
+    said = asdict(finding)
+    del said["hint"]  # for who makes the table, not for who reads the file
+    return {**said, **({"waived": True} if finding.check in waived else {})}
 
 
 def _described(verification: Any, *, own: bool) -> dict[str, Any] | str:

@@ -8,6 +8,7 @@ Source: controllers notes, section 8. Sign and reading back are checked in
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from metrosep.compensation.area_errors import ends_along, format_along, format_amount
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.polynomial import PolynomialFit
+from metrosep.compensation.sampling import rounded_spacing
 from metrosep.controllers.base import DialectInfo, Encoded
 from metrosep.core.errors import DataError, LimitError, TableError
 
@@ -99,7 +101,9 @@ def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, 
         text = "; ".join(f"{f.problem}: {f.fix}" for f in errors)
         checks = ", ".join(dict.fromkeys(f.check for f in errors if f.check in CHECKS))
         way = f" (to write it all the same, say waive={checks!r})" if checks else ""
-        raise LimitError(f"{text}; nothing was written{way}")
+        refused = LimitError(f"{text}; nothing was written{way}")
+        refused.hints = tuple(dict(f.hint) for f in errors if f.hint)
+        raise refused
     return found
 
 
@@ -118,12 +122,20 @@ def table_findings(carried: Any, limits: Limits, info: DialectInfo) -> list[Find
     if info.carries == "polynomial":
         return [*found, *_coverage(carried.domain, limits, info)]
     return [
-        *found,
+        *(_with_spacing(f, carried, limits) for f in found),
         *_coverage(carried.span, limits, info, carried.axis),
         *_soft_limits(carried, limits),
         *_reference(carried),
         *_uncertainty(carried),
     ]
+
+
+def _with_spacing(finding: Finding, table: Any, limits: Limits) -> Finding:
+    """Add the finest round spacing whose entries the controller takes."""
+    if finding.check != "points" or limits.max_points is None or limits.max_points < 2:
+        return finding
+    least = (table.span[1] - table.span[0]) / (limits.max_points - 1)
+    return replace(finding, hint={"spacing": rounded_spacing(least, table.axis, up=True)})
 
 
 def carried_findings(

@@ -38,7 +38,7 @@
 from __future__ import annotations
 
 import errno
-from typing import Any
+from typing import Any, Self
 
 __all__ = [
     "AmbiguousFormatError",
@@ -79,7 +79,36 @@ __all__ = [
 
 
 class MetrosepError(Exception):
-    """Base of every error that metrosep raises on purpose; it travels between processes whole."""
+    """Base of every error that metrosep raises on purpose; it travels between processes whole.
+
+    Attributes
+    ----------
+    hints : tuple of dict
+        Ways out, the best one first: arguments, as keys of a recipe, with the value that helps.
+    """
+
+    hints: tuple[dict[str, Any], ...] = ()
+
+    def hinting(self, **keys: Any) -> Self:
+        """Add a way out to what the message says.
+
+        Parameters
+        ----------
+        **keys
+            Arguments of what was called, with values as a recipe has them.
+
+        Returns
+        -------
+        MetrosepError
+            This error.
+
+        Examples
+        --------
+        >>> NotSeparableError("one feedrate").hinting(method="mean").hints
+        ({'method': 'mean'},)
+        """
+        self.hints = (*self.hints, keys)
+        return self
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Restore from args and attributes: some errors are made from more than their message."""

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from metrosep.core.errors import DataError, ReadError, WriteError
 
-__all__ = ["LineTable", "open_line", "record"]
+__all__ = ["LineTable", "Question", "open_line", "record"]
 
 LONGEST = 4096
 """Bytes of a line: what has no line end by then is no text."""
@@ -37,12 +37,41 @@ Chunks = Callable[[], bytes | None]
 """Give what came, nothing (b"") after a moment of silence, None at the end."""
 
 
+_ESCAPE = re.compile(r"\\(?:([rnt\\])|x([0-9a-fA-F]{2}))|([^\\])")
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a gauge must be sent before it sends a reading."""
+
+    text: str  # as typed: \\r, \\n, \\t, \\\\ and \\x1b stand for one byte
+    pace: float = 1.0  # s between two questions
+
+    def __post_init__(self) -> None:
+        if not self.data or len(self.data) > LONGEST:
+            raise DataError("a question to a gauge has 1 to 4096 bytes, such as M\\r\\n")
+
+    @property
+    def data(self) -> bytes:
+        """Bytes that are sent."""
+        if not self.text.isascii() or _ESCAPE.sub("", self.text):
+            raise DataError(
+                f"{self.text[:40]!r}: a question is plain text with \\r, \\n, \\t, \\\\ or \\x and two hex digits"
+            )
+        known = {"r": "\r", "n": "\n", "t": "\t", "\\": "\\"}
+        text = _ESCAPE.sub(
+            lambda m: known[m[1]] if m[1] else chr(int(m[2], 16)) if m[2] else m[3], self.text
+        )
+        return text.encode("latin-1")
+
+
 @dataclass
 class LineTable:
     """Rows of numbers out of bytes: lines ended by LF, CR or CR LF."""
 
     names: Sequence[str]  # of columns, each with its unit: x_mm
     source: str = "line"  # for messages
+    form: str | None = None  # of a line, {} for each number: "01A{}"
     n_lines: int = 0  # that came
     n_rows: int = 0  # that are numbers
     _rest: bytes = field(default=b"", repr=False)
@@ -53,6 +82,19 @@ class LineTable:
             raise DataError(
                 f"columns are names with their units, such as x_mm,z_um, each once; got {bad or list(self.names)!r}"
             )
+
+        self._form: re.Pattern[str] | None = None
+        if self.form is not None:
+            words = [re.escape(w) for w in self.form.split("{}")]
+            if len(words) != len(self.names) + 1:
+                raise DataError(
+                    f"the form of a line has one {{}} for each of the {len(self.names)} columns; got {self.form[:40]!r}"
+                )
+            if any(re.fullmatch(r"[\d.eE+-]*", w) for w in self.form.split("{}")[1:-1]):
+                raise DataError(
+                    f"between two {{}} of {self.form[:40]!r} must stand what is not part of a number"
+                )
+            self._form = re.compile(" ?([-+]? ?[\\d.eE+-]+|nan) ?".join(words), re.ASCII)
 
     def feed(self, chunk: bytes) -> Iterator[str]:
         """Give the rows that a piece of the line completes, as lines of CSV."""
@@ -94,6 +136,11 @@ class LineTable:
                 "the sampler lost samples here (overrun): sample more slowly, or fewer pins"
             )
         parts = _SPLIT.split(text)
+        if self._form is not None:
+            found = self._form.fullmatch(re.sub(r"[ \t]+", " ", text))
+            if found is None:
+                raise self._error(f"{text[:40]!r} is not of the form {self.form!r}")
+            parts = [p.replace(" ", "") for p in found.groups()]
         wrong = next((p for p in parts if not _NUMBER.fullmatch(p)), None)
         if wrong is not None:
             raise self._error(f"{wrong[:40]!r} is not a number with a decimal point")
@@ -164,12 +211,15 @@ def record(
 
 
 @contextmanager
-def open_line(text: str) -> Iterator[Chunks]:
+def open_line(text: str, question: Question | None = None) -> Iterator[Chunks]:
     """Open ``tcp://HOST:PORT``, ``serial:DEVICE:BAUD``, or ``-`` for standard input."""
+    quiet = _QUIET if question is None else min(_QUIET, question.pace)
     tcp = re.fullmatch(r"tcp://(\[[0-9a-fA-F:]+\]|[^:/\s]+):(\d{1,5})", text)
     serial = re.fullmatch(r"serial:(.+):(\d{2,7})", text)
     if text == "-":
-        yield _of_descriptor(sys.stdin.fileno(), text)
+        if question is not None:
+            raise DataError("-: a program cannot be asked: name the line of the gauge itself")
+        yield _chunks(_reading(sys.stdin.fileno(), quiet), text)
     elif tcp and 0 < int(tcp[2]) < 65536:
         place = (tcp[1].strip("[]"), int(tcp[2]))
         try:
@@ -180,23 +230,46 @@ def open_line(text: str) -> Iterator[Chunks]:
                 "right?"
             ) from None
         with line:
-            line.settimeout(_QUIET)
-            yield _chunks(lambda: line.recv(65536), text)
+            line.settimeout(quiet)
+            yield _asking(_chunks(lambda: line.recv(65536), text), line.sendall, question, text)
     elif serial:
-        yield from _serial(serial[1], int(serial[2]), text)
+        for descriptor in _serial(serial[1], int(serial[2]), text):
+            read = _chunks(_reading(descriptor, quiet), text)
+            yield _asking(read, lambda data: os.write(descriptor, data), question, text)  # noqa: B023
     else:
         raise DataError(
             f"{text}: is none of tcp://HOST:PORT, serial:DEVICE:BAUD, or - for standard input"
         )
 
 
-def _of_descriptor(descriptor: int, name: str) -> Chunks:
+def _asking(
+    chunks: Chunks, send: Callable[[bytes], object], question: Question | None, name: str
+) -> Chunks:
+    """Ask at a pace; what comes is read meanwhile."""
+    if question is None:
+        return chunks
+    due = time.monotonic()
+
+    def asked() -> bytes | None:
+        nonlocal due
+        if (now := time.monotonic()) >= due:
+            due = max(due + question.pace, now)  # late once is not late for ever
+            try:
+                send(question.data)
+            except OSError as exc:
+                raise ReadError(f"{name}: cannot be asked ({exc.strerror or exc})") from None
+        return chunks()
+
+    return asked
+
+
+def _reading(descriptor: int, quiet: float) -> Callable[[], bytes]:
     def read() -> bytes:
-        if os.name != "nt" and not select.select([descriptor], [], [], _QUIET)[0]:
+        if os.name != "nt" and not select.select([descriptor], [], [], quiet)[0]:
             raise TimeoutError
         return os.read(descriptor, 65536)
 
-    return _chunks(read, name)
+    return read
 
 
 def _chunks(read: Callable[[], bytes], name: str) -> Chunks:
@@ -211,8 +284,8 @@ def _chunks(read: Callable[[], bytes], name: str) -> Chunks:
     return chunks
 
 
-def _serial(device: str, baud: int, text: str) -> Iterator[Chunks]:
-    """Open a serial port: 8 bits, no parity, one stop bit, no echo."""
+def _serial(device: str, baud: int, text: str) -> Iterator[int]:
+    """Open a serial port, 8 bits, no parity, one stop bit, no echo; give its descriptor."""
     try:
         import termios
         import tty
@@ -226,7 +299,7 @@ def _serial(device: str, baud: int, text: str) -> Iterator[Chunks]:
             f"{text}: {baud} is not a baud rate of this system, such as 9600 or 115200"
         )
     try:
-        descriptor = os.open(device, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError as exc:
         raise ReadError(f"{text}: cannot be opened ({exc.strerror})") from None
     try:
@@ -238,6 +311,6 @@ def _serial(device: str, baud: int, text: str) -> Iterator[Chunks]:
         made[4] = made[5] = speed
         termios.tcsetattr(descriptor, termios.TCSANOW, made)
         os.set_blocking(descriptor, True)
-        yield _of_descriptor(descriptor, text)
+        yield descriptor
     finally:
         os.close(descriptor)

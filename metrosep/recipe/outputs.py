@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from metrosep.compensation import CompensationTable, PolynomialFit, Verification
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.measured import Folds
+from metrosep.compensation.sampling import USUAL_ENTRIES, rounded_spacing
 from metrosep.controllers.registry import find
 from metrosep.core.errors import CorruptFileError, DataError, MetrosepError, TableError, WriteError
 from metrosep.core.methods import METHODS
@@ -91,7 +92,7 @@ def make_table(estimate: ErrorEstimate, output: Mapping[str, Any]) -> Compensati
         raise TableError(
             f"spacing {spacing} over {span} needs {n:.3g} entries, at most {_MOST_ENTRIES} are made; "
             "use a coarser spacing"
-        )
+        ).hinting(spacing=rounded_spacing((estimate.stop - estimate.start) / USUAL_ENTRIES))
     return CompensationTable.from_error(
         estimate,
         positions=spacing,

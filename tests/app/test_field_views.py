@@ -70,6 +70,16 @@ def test_the_strongest_wave_has_its_length_direction_and_amplitude():
     assert header["notes"] == []
 
 
+def test_waves_of_a_map_without_scale_are_in_pixels():
+    header, _ = waves_view(Surface(wave().z))
+    # 12 waves on 256 columns and 9 on 192 rows: 3/64 per pixel along both
+    assert header["unit"] == "px"
+    assert header["peak"]["wavelength"] == pytest.approx(64 / 3 / math.sqrt(2), abs=1e-9)
+    assert math.degrees(header["peak"]["direction"]) == pytest.approx(45.0, abs=1e-9)
+    assert header["amplitude"] == pytest.approx(10 * NM, abs=1e-4 * NM)
+    assert waves_view(wave())[0]["unit"] == "m"
+
+
 def test_gaps_are_filled_for_the_picture_and_their_share_is_said():
     header, _ = waves_view(wave(holes=True))
     assert "not measured" in header["notes"][0]

@@ -12,7 +12,26 @@ from metrosep.app.documents import Edit, Places
 from metrosep.app.mends import mends_of_edit
 from metrosep.app.server import Answers
 from metrosep.app.sessions import Session
+from metrosep.core.errors import MetrosepError
 
+RUNS = """metrosep = 1
+[input]
+files = ["runs.csv"]
+x = "x_mm"
+z = "z_um"
+run = "run"
+[[step]]
+op = "separate"
+method = "mean"
+[[output]]
+kind = "table"
+controller = "csv"
+axis = "X"
+compensates = "Z"
+spacing = "0.5 mm"
+path = "z.csv"
+machine = { max_points = 60 }
+"""
 CHECK = {"metric": "Sq", "upper": "1 um", "U": "1 nm"}
 
 
@@ -95,3 +114,59 @@ def test_a_button_of_a_refused_edit_makes_the_edit_with_what_it_lacked(tmp_path)
     before = document.text
     assert mends_of_edit(document, edits, 'needs band = "sideways" or colour = "red"') == []
     assert document.text == before
+
+
+def of_runs(folder, **replaced):
+    """Open four runs of a lopsided bump over 50 mm, without feedrate or time."""
+    x = np.linspace(0.0, 50.0, 501)
+    z = 2.0 * np.exp(-(((x - 15.0) / 4.0) ** 2))
+    noise = np.random.default_rng(3).normal(0.0, 2e-3, (4, x.size))
+    rows = [f"{r},{a:.3f},{b:.6f}" for r in range(4) for a, b in zip(x, z + noise[r], strict=True)]
+    (folder / "runs.csv").write_text("\n".join(["run,x_mm,z_um", *rows]) + "\n")
+    text = RUNS
+    for old, new in replaced.items():
+        text = text.replace(f'{old} = "', f'{old} = "{new}"  # "')
+    (folder / "r.toml").write_text(text)
+    answers = Answers(Session(Places([folder])))
+    answers.answer({"k": "open", "path": "r.toml"})
+    return answers
+
+
+def test_a_table_with_too_many_entries_is_mended_by_the_finest_round_spacing_that_fits(tmp_path):
+    answers = of_runs(tmp_path)
+    refused = answers.answer({"k": "table"})[0]["refused"]
+    (mend,) = refused["mends"]
+    assert (refused["check"], mend["label"]) == ("points", "Set spacing = 1 mm")  # 51 of 60
+    press(answers, mend)
+    header, _ = answers.answer({"k": "table"})
+    assert "refused" not in header
+    assert header["n_points"] == 51
+    assert all("hint" not in finding for finding in header["facts"].get("findings", ()))
+
+
+@pytest.mark.parametrize(
+    ("given", "label"),
+    [
+        ({"spacing": "80 mm"}, "Set spacing = 0.5 mm"),
+        ({"spacing": "1 nm"}, "Set spacing = 0.5 mm"),
+        ({"spacing": "1 mm", "axis": 'X"\ndirection = "split'}, "Set direction = both"),
+    ],
+)
+def test_a_table_that_cannot_be_sampled_gets_what_can(tmp_path, given, label):
+    answers = of_runs(tmp_path, **given)
+    (mend,) = answers.answer({"k": "table"})[0]["refused"]["mends"]
+    assert mend["label"] == label
+    press(answers, mend)
+    header, _ = answers.answer({"k": "table"})
+    assert header.get("refused", {"check": "points"})["check"] == "points"
+
+
+def test_runs_that_a_method_cannot_separate_get_one_that_can_wherever_they_are_asked_for(tmp_path):
+    answers = of_runs(tmp_path, method="joint")
+    for kind in ("table", "curves", "waves"):
+        with pytest.raises(MetrosepError) as caught:
+            answers.answer({"k": kind, "level": "full"})
+        (mend,) = answers.session.mends_of_runs(caught.value)  # no skip, no edit without effect
+        assert mend["label"] == "Set method = mean"
+    press(answers, mend)
+    assert answers.answer({"k": "curves", "level": "full"})[0]["separated"]

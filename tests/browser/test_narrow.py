@@ -68,6 +68,16 @@ def test_drawing_works_in_one_column(opened: Opened, map_file: Path) -> None:
     page = opened(map_file)
     page.show(390, 844)
     page.run("new Promise((done) => setTimeout(done, 400))")
+    upper, px = "#colourbar [aria-label^=Upper]", "Number({}.getAttribute('aria-valuenow'))"
+    px = px.format(f"document.querySelector('{upper}')")
+    *_, wide, high = page.box("#colourbar")
+    assert wide > 4 * high  # the bar lies flat below the map, low values left
+    before = page.run(px)
+    page.drag(page.middle(upper), (-40.0, 0.0))
+    assert page.run(px) == pytest.approx(before - 40.0, abs=2.0)
+    page.press("ArrowRight", shift=True)
+    assert page.run(px) == pytest.approx(before - 30.0, abs=2.0)
+    assert page.run(px) > page.run(px.replace("Upper", "Lower"))
     page.click("#tools [data-tool=circle]")
     x, y = page.middle("#map canvas")
     page.drag((x - 40, y), (30, 0))

@@ -227,6 +227,27 @@ def test_a_refusal_is_waived_by_name(opened: Opened, recipe: Callable[..., Path]
     assert page.run("document.activeElement.dataset.key") == "waive coverage"
 
 
+def test_runs_and_a_table_that_are_refused_have_the_buttons_that_mend_them(
+    opened: Opened, recipe: Callable[..., Path]
+) -> None:
+    file = recipe(machine="max_points = 60")
+    file.write_text(file.read_text().replace('method = "mean"', 'method = "joint"'))
+    page = opened(file, "document.querySelector('.runs-message .mends button') !== null")
+    assert "no time" in page.text(".runs-message")
+    on_table(page, "document.querySelector('.table-right .mends button') !== null")
+    page.click("#tab-runs")
+    page.click(".runs-message .mends button")  # Set method = mean
+    page.wait(
+        "document.body.dataset.runs !== undefined && document.querySelector('.runs-message').hidden"
+    )
+    on_table(page, "document.querySelector('[data-check=points]') !== null")
+    assert page.text(".table-right .mends") == "Set spacing = 1 mm"
+    answered(page, lambda: page.click(".table-right .mends button"))
+    assert page.run("document.querySelector('[data-check=points]') === null")
+    assert not page.run("document.querySelector('#table-export').disabled")
+    assert page.errors == []
+
+
 def test_a_sign_that_nobody_knows_is_tried_first(
     opened: Opened, recipe: Callable[..., Path], tmp_path: Path
 ) -> None:

@@ -258,6 +258,13 @@ def test_a_map_without_scale_reads_in_px_and_gets_its_scale_by_a_known_length(
     assert page.run(
         "!/[0-9.]\\u2009[nµmk]?m/.test(document.getElementById('section-of').textContent)"
     )
+    page.run(
+        "(() => { const s = document.querySelector('#lower'); s.value = 'waves2d'; s.dispatchEvent(new Event('change')); })()"
+    )
+    page.wait(
+        "/ring .*px to .*px +peak λ .*px/.test(document.querySelector('#waves2d .readout').textContent)"
+    )
+    assert page.run("document.querySelector('#waves2d .fourier-bar').hidden")  # a filter waits
     page.press("c")  # a shape has lengths: none is drawn
     page.wait("document.getElementById('alerts').textContent.includes('scale')")
     page.click("#no-scale button")

@@ -98,7 +98,7 @@ def test_a_map_without_both_lateral_steps_has_no_section(steps):
         lambda: surface.section((1, 1), (20, 20), width="5 um"),
         lambda: surface.circle_section((10, 10), 5),
     ):
-        with pytest.raises(DataError, match=r"Surface\(z, dx, dy\)"):
+        with pytest.raises(DataError, match=r"no lengths; read the file with lateral_step="):
             call()
     with pytest.raises(DataError, match="width has a unit"):
         section_profile(surface, (1, 1), (20, 20), width="5 um")

@@ -10,7 +10,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.core.errors import DataError, ReadError, WriteError
-from metrosep.io.live import LONGEST, LineTable, open_line, record
+from metrosep.io.live import LONGEST, LineTable, Question, open_line, record
 
 
 def gauge(pieces, pause=0.0):
@@ -114,7 +114,74 @@ def test_a_serial_port(tmp_path):
     with open_line(f"serial:{os.ttyname(theirs)}:9600") as chunks:
         os.write(ours, b"0.0\t-1.25\r0.1\t2.5\r0.2\t7\r")  # ends of lines that are CR alone
         record(chunks, table, tmp_path / "run.csv", seconds=0.5, every=0.1)
+    with open_line(f"serial:{os.ttyname(theirs)}:9600", Question(r"M\r", 0.05)) as chunks:
+        record(chunks, table, tmp_path / "asked.csv", seconds=0.2)
+    assert os.read(ours, 100).startswith(b"M\rM\rM\r")
     os.close(ours)
     os.close(theirs)
     lines = (tmp_path / "run.csv").read_text().splitlines()
     assert lines == ["t_s,z_um", "0.0,-1.25", "0.1,2.5"]  # the last CR may be half of CR LF
+
+
+def answering(answer, n=400):
+    """Answer each question that ends with CR, as a multiplexer of dial gauges does; note what was asked."""
+    server = socket.create_server(("127.0.0.1", 0))
+    asked = []
+
+    def work():
+        with server, server.accept()[0] as line:
+            waiting = b""
+            while len(asked) < n and (came := line.recv(100)):
+                *whole, waiting = (waiting + came).split(b"\r")
+                for one in whole:
+                    asked.append(one)
+                    line.sendall(answer(len(asked)))
+
+    threading.Thread(target=work, daemon=True).start()
+    return f"tcp://127.0.0.1:{server.getsockname()[1]}", asked
+
+
+def test_a_gauge_that_must_be_asked_is_asked_at_a_pace(tmp_path):
+    address, asked = answering(lambda k: f"01A{'-+'[k % 2]}0000{k}.125\r".encode(), n=6)
+    table = LineTable(["z_mm"], "gauge", "01A{}")
+    begin = time.monotonic()
+    with open_line(address, Question(r"1\r", 0.05)) as chunks:
+        record(chunks, table, tmp_path / "run.csv")
+    assert time.monotonic() - begin > 0.2  # five waits of 50 ms
+    assert asked == [b"1"] * 6
+    rows = (tmp_path / "run.csv").read_text().splitlines()
+    assert rows == ["z_mm", *(f"{'-+'[k % 2]}0000{k}.125" for k in range(1, 7))]
+
+
+@pytest.mark.parametrize(
+    ("form", "sent", "row"),
+    [
+        ("{} mm", b"+   1.2345 mm\n", "+1.2345"),
+        ("X={};Z= {}", b"X= 1.5 ; Z=-2\n", None),
+        ("X={};Z={}", b"X= 1.5 ;Z=-2\n", "1.5,-2"),
+        ("01A{}", b"911\n", None),
+        ("01A{}", b"01A1.2.3\n", None),
+        ("01A{}", b"01A" + b"1" * 4000 + b"x\n", None),
+        ("{} {}", b"1" + b" " * 4000 + b"x\n", None),  # at once, not after trying all ways
+        ("{} {}", b"+ 1.5   - 2\n", "+1.5,-2"),
+    ],
+)
+def test_the_form_of_a_line_takes_its_numbers_and_nothing_else(form, sent, row):
+    table = LineTable(["x_mm", "z_um"] if form.count("{}") == 2 else ["z_mm"], "gauge", form)
+    if row is None:
+        with pytest.raises(DataError, match="line 1: "):
+            list(table.feed(sent))
+    else:
+        assert list(table.feed(sent)) == [row]
+
+
+def test_questions_and_forms_that_are_none():
+    assert Question(r"\x1bA\\M\r\n\t\xff").data == b"\x1bA\\M\r\n\t\xff"
+    for text in ("", "M\\", "M\\q", "\\x1", "µ", "a" * 5000):
+        with pytest.raises(DataError, match="question"):
+            Question(text)
+    for form in ("01A", "{}{}", "{}.{}", "{}e-{}", "{} {} {}"):
+        with pytest.raises(DataError, match=r"\{\}"):
+            LineTable(["x_mm", "z_um"], "gauge", form)
+    with pytest.raises(DataError, match="cannot be asked"), open_line("-", Question("M")):
+        pass

@@ -28,19 +28,21 @@ function render({ model, el }) {
   track.append(canvas, labels);
   el.replaceChildren(unitLabel, track, auto);
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
-  let height = 100;
-  /** @type {[number, number]} heights at the bottom and top of the bar */
+  let length = 100;
+  let flat = false; // low values left, where the bar lies below the map of a narrow window
+  /** @type {[number, number]} heights at the low and high end of the bar */
   let span = [0, 1];
   let frozen = false;
 
   const limits = () => model.get("limits") ?? model.get("auto_range") ?? model.get("range");
-  const toY = (/** @type {number} */ z) => height * (1 - (z - span[0]) / (span[1] - span[0]));
-  const toZ = (/** @type {number} */ y) => span[0] + (1 - y / height) * (span[1] - span[0]);
+  const along = (/** @type {number} */ part) => (flat ? part : 1 - part);
+  const toPx = (/** @type {number} */ z) => length * along((z - span[0]) / (span[1] - span[0]));
+  const toZ = (/** @type {number} */ px) => span[0] + along(px / length) * (span[1] - span[0]);
 
-  function move(/** @type {0 | 1} */ end, /** @type {number} */ y) {
+  function move(/** @type {0 | 1} */ end, /** @type {number} */ px) {
     const now = [...limits()];
-    const least = (span[1] - span[0]) / height;
-    const z = toZ(Math.max(0, Math.min(height, y)));
+    const least = (span[1] - span[0]) / length;
+    const z = toZ(Math.max(0, Math.min(length, px)));
     now[end] = end === 0 ? Math.min(z, now[1] - least) : Math.max(z, now[0] + least);
     model.set("limits", now);
     model.save_changes();
@@ -57,8 +59,8 @@ function render({ model, el }) {
   const grips = (/** @type {const} */ ([0, 1])).map((end) => makeHandle(track, {
     label: end === 0 ? "Lower end of the colours" : "Upper end of the colours",
     kind: "level",
-    moved: (_, y) => move(end, y),
-    stepped: (dx, dy) => move(end, toY(limits()[end]) + dy - dx),
+    moved: (x, y) => move(end, flat ? x : y),
+    stepped: (dx, dy) => move(end, toPx(limits()[end]) + (flat ? dx - dy : dy - dx)),
     held,
   }));
 
@@ -73,28 +75,31 @@ function render({ model, el }) {
       const room = 0.15 * (Math.max(base[1], range[1]) - Math.min(base[0], range[0]));
       span = [Math.min(base[0], range[0]) - room, Math.max(base[1], range[1]) + room];
     }
-    const width = canvas.width;
-    const image = context.createImageData(width, canvas.height);
+    const n = canvas.width * canvas.height; // one of them is 1
+    const image = context.createImageData(canvas.width, canvas.height);
     const table = colours(model.get("colours"));
-    for (let row = 0; row < canvas.height; row += 1) {
-      const z = toZ(((row + 0.5) / canvas.height) * height);
+    for (let i = 0; i < n; i += 1) {
+      const z = toZ(((i + 0.5) / n) * length);
       const part = Math.max(0, Math.min(1, (z - range[0]) / (range[1] - range[0])));
       const c = 3 * Math.round(1 + 254 * part);
-      for (let i = row * width * 4; i < (row + 1) * width * 4; i += 4) {
-        image.data.set([table[c], table[c + 1], table[c + 2], 255], i);
-      }
+      image.data.set([table[c], table[c + 1], table[c + 2], 255], 4 * i);
     }
     context.putImageData(image, 0, 0);
     grips.forEach((grip, end) => {
-      grip.place(0, toY(range[end]));
+      const px = toPx(range[end]);
+      grip.place(flat ? px : 0, flat ? 0 : px);
       grip.describe(si(range[end]));
+      grip.el.classList.toggle("handle-level", !flat);
+      grip.el.classList.toggle("handle-upright", flat);
+      grip.el.setAttribute("aria-orientation", flat ? "horizontal" : "vertical");
+      grip.el.setAttribute("aria-valuenow", px.toFixed(1));
     });
     drawLabels();
   }
 
   function drawLabels() {
     const wide = span[1] - span[0];
-    const raw = wide / Math.max(2, height / 60);
+    const raw = wide / Math.max(2, length / (flat ? 80 : 60));
     const power = 10 ** Math.floor(Math.log10(raw));
     const step = ([1, 2, 5, 10].find((n) => n * power >= raw) ?? 10) * power;
     const splits = [];
@@ -105,7 +110,7 @@ function render({ model, el }) {
     labels.replaceChildren(...splits.map((z, i) => {
       const label = document.createElement("span");
       label.textContent = texts[i];
-      label.style.top = `${toY(z).toFixed(1)}px`;
+      label.style[flat ? "left" : "top"] = `${toPx(z).toFixed(1)}px`;
       return label;
     }));
   }
@@ -118,9 +123,11 @@ function render({ model, el }) {
   const watcher = new ResizeObserver(() => {
     const box = track.getBoundingClientRect();
     if (box.height < 20) return;
-    height = box.height;
-    canvas.width = 1;
-    canvas.height = Math.round(height);
+    flat = box.width > 2 * box.height;
+    el.classList.toggle("flat", flat);
+    length = flat ? box.width : box.height;
+    canvas.width = flat ? Math.round(length) : 1;
+    canvas.height = flat ? 1 : Math.round(length);
     draw();
   });
   watcher.observe(track);

@@ -2,8 +2,8 @@
 // The waves of a map in all directions: power over fx and fy, in the colours of the map over six decades.
 // A ring of wavelengths is dragged; what lies in it is kept, or what is longer or shorter is taken out.
 //
-// Traits: index, shape, window [f0x, f0y, f1x, f1y] in 1/m, amplitude (m, of a wave at the top), decades, peak,
-// notes, colours, is_preview, message; ring [shortest, longest] in m (written here).
+// Traits: index, shape, unit (m, or px of a map without lateral scale), window [f0x, f0y, f1x, f1y] in 1/unit, amplitude (m, of a wave at the top), decades, peak,
+// notes, colours, is_preview, message; ring [shortest, longest] (written here).
 
 import { painted } from "./colours.js";
 import { si } from "./format.js";
@@ -29,6 +29,7 @@ function render({ model, el, act, text }) {
   let [side, scale, zoom] = [1, 0, 0]; // CSS pixels; 1/m for one of them; 1: all frequencies, 0: not chosen yet
   let pointed = "";
   const ring = () => model.get("ring") ?? [1, 1];
+  const long = (/** @type {number} */ v, /** @type {number} */ digits = 4) => si(v, model.get("unit") ?? "m", digits);
 
   /** @type {[string, string, (short: string, long: string) => Record<string, string>][]} */
   const acts = [
@@ -61,7 +62,8 @@ function render({ model, el, act, text }) {
     const ratio = window.devicePixelRatio || 1;
     const [index, shape, box] = [typed(model.get("index"), Uint8Array), model.get("shape"), model.get("window")];
     words.textContent = model.get("message") ?? "";
-    field.hidden = bar.hidden = !index;
+    field.hidden = !index;
+    bar.hidden = !index || model.get("unit") === "px"; // a filter waits for the scale
     if (!index || !box) return tell();
     const room = el.getBoundingClientRect();
     side = Math.max(60, Math.min(room.width - 20, room.height - 62));
@@ -87,14 +89,14 @@ function render({ model, el, act, text }) {
       }
       const turn = k ? Math.PI / 4 : 0; // two handles that do not lie on one another
       grips[k].place(side / 2 + r * Math.cos(turn), side / 2 - r * Math.sin(turn));
-      grips[k].describe(si(wave));
+      grips[k].describe(long(wave));
     });
     tell();
   }
 
   function tell() {
     const [peak, notes] = [model.get("peak"), model.get("notes") ?? []];
-    read.textContent = pointed || (peak && model.get("index") ? `ring ${si(ring()[0], "m", 3)} to ${si(ring()[1], "m", 3)}   peak λ ${si(peak.wavelength, "m", 3)} at ${degrees(peak.direction)}: ${si(model.get("amplitude"), "m", 3)}` : "");
+    read.textContent = pointed || (peak && model.get("index") ? `ring ${long(ring()[0], 3)} to ${long(ring()[1], 3)}   peak λ ${long(peak.wavelength, 3)} at ${degrees(peak.direction)}: ${si(model.get("amplitude"), "m", 3)}` : "");
     read.classList.toggle("preview", Boolean(model.get("is_preview")));
     el.title = notes.join("; ");
   }
@@ -108,7 +110,7 @@ function render({ model, el, act, text }) {
     const row = Math.floor(((box[3] - fy) / (box[3] - box[1])) * shape[0]);
     const k = column >= 0 && row >= 0 && column < shape[1] && row < shape[0] ? index[row * shape[1] + column] : 0;
     const size = model.get("amplitude") * 10 ** ((model.get("decades") / 2) * ((k - 1) / 254 - 1));
-    pointed = k && (fx || fy) ? `λ ${si(1 / Math.hypot(fx, fy))} at ${degrees((Math.atan2(fy, fx) + Math.PI) % Math.PI)}, amplitude ${k > 1 ? "≈" : "<"} ${si(size, "m", 2)}` : "";
+    pointed = k && (fx || fy) ? `λ ${long(1 / Math.hypot(fx, fy))} at ${degrees((Math.atan2(fy, fx) + Math.PI) % Math.PI)}, amplitude ${k > 1 ? "≈" : "<"} ${si(size, "m", 2)}` : "";
     tell();
   });
   function zoomed(/** @type {number} */ factor) {

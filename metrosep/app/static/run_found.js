@@ -68,12 +68,16 @@ function strip(row, limit, travel) {
 /**
  * Return what was found: sentences, the table, and what its columns are.
  * @param {Dict} found of an answer `curves`
+ * @param {() => void} joint take the method that compares runs
  * @returns {HTMLElement[]}
  */
-export function foundOf(found) {
+export function foundOf(found, joint) {
   const out = found.lag.map((/** @type {string[]} */ [way, phrase]) => make_("p", "", `Delay of the reading${way && `, ${way}`}: ${phrase}`));
   const said = found.messages.map((/** @type {string} */ text) => make_("p", "said", text));
-  if (!found.runs.length) return [...out, ...said, make_("p", "soft", "this method does not compare the runs with one another; method = \"joint\" does")];
+  if (!found.runs.length) {
+    const button = Object.assign(make_("button", "small", "Set method = joint"), { type: "button", onclick: joint });
+    return [...out, ...said, make_("p", "soft", "This method does not compare the runs with one another; the joint one does."), button];
+  }
   const all = found.runs.flatMap((/** @type {Dict} */ row) => row.strip_nm ?? []).filter((/** @type {number | null} */ v) => v !== null);
   const limit = Math.max(...all.map(Math.abs), 0) || 1;
   const places = found.runs.flatMap((/** @type {Dict} */ row) => row.x_mm ?? []);

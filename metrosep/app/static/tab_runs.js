@@ -3,6 +3,7 @@
 // against wavelength for each feedrate, and the thresholds. A handle that is let go is one edit of the
 // step "separate"; until the separation is done anew the old curves stay, greyed.
 
+import { mendButtons } from "./mends.js";
 import runCurves, { wayOf } from "./run_curves.js";
 import { choices, foundOf } from "./run_found.js";
 import { curvesOf, make_, numbersOf, sample, typedLength } from "./run_parts.js";
@@ -121,7 +122,7 @@ export function make(context) {
       context.fail(error);
       return;
     }
-    message.textContent = error.message;
+    message.replaceChildren(error.message, ...(error.mends.length ? [mendButtons(error.mends, context.edit)] : []));
     message.hidden = false;
     for (const model of [curves, waves]) model.put({ stale: "not separated" });
     drawWords();
@@ -183,7 +184,7 @@ export function make(context) {
     feeds = header.feeds.length ? header.feeds : [{ feed: null, feed_words: "feed not known" }];
     const given = curvesOf(header, arrays, nearestFeed);
     given.feeds = feeds.map((one) => one.feed_words);
-    if (header.found) found.replaceChildren(...foundOf(header.found));
+    if (header.found) found.replaceChildren(...foundOf(header.found, () => setKey("method", "joint", "method joint")));
     if (header.separated) numbers.replaceChildren(...numbersOf(header));
     if (ways.options.length !== header.directions.length) {
       ways.replaceChildren(...header.directions.map((/** @type {number} */ d) => new Option(wayOf(d), String(d))));

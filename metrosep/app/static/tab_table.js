@@ -4,6 +4,7 @@
 
 import { inTarget, writeOrAsk } from "./exports.js";
 import { askForm } from "./dialogs.js";
+import { mendButtons } from "./mends.js";
 import { dryRun, findings, make as element, preview, sign } from "./table_facts.js";
 import { makeForm, missing, withController } from "./table_form.js";
 import plot from "./table_plot.js";
@@ -185,7 +186,7 @@ export function make(context) {
   function drawFacts() {
     const had = /** @type {any} */ (facts.contains(document.activeElement) ? document.activeElement : null)?.dataset?.key;
     facts.replaceChildren(
-      ...dryRun(header), ...findings(header, waive),
+      ...dryRun(header), ...findings(header, waive, header.refused?.mends?.length ? [mendButtons(header.refused.mends, edit)] : []),
       ...sign(header, {
         height, trial: (given) => write(given),
         setHeight(given) {
@@ -240,7 +241,7 @@ export function make(context) {
       if (of !== shownFor) return;
       shownFor = "";
       if (error instanceof Superseded) return; // what took its place shows itself
-      header = { refused: { message: error instanceof Error ? error.message : String(error), check: "", checks: [] } };
+      header = { refused: { message: error instanceof Error ? error.message : String(error), check: "", checks: [], mends: error instanceof Refusal ? error.mends : [] } };
       if (!(error instanceof Refusal)) fail(error);
     }
     busy = "";

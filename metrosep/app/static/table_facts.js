@@ -52,7 +52,7 @@ export function dryRun(header) {
     make("td", { className: "soft", textContent: si(r.wrong_sign_rms_m) })));
   const head = (/** @type {string} */ words, /** @type {Dict} */ more = {}) => make("th", { scope: "col", textContent: words, ...more });
   const table = make("table", { className: "table-dry-run" },
-    make("thead", {}, make("tr", {}, head(""), head("P-V before"), head("P-V after"), head("RMS before"), head("RMS after"),
+    make("thead", {}, make("tr", {}, head("direction"), head("P-V before"), head("P-V after"), head("RMS before"), head("RMS after"),
       head("RMS, sign reversed"))), make("tbody", {}, ...rows));
   const span = said.span_m.map((/** @type {number} */ v) => si(v)).join(" to ");
   const lost = said.lost_motion;
@@ -67,9 +67,10 @@ export function dryRun(header) {
  * Return the block of the findings.
  * @param {Dict} header
  * @param {(check: string, on: boolean) => void} waive
+ * @param {Node[]} mends what may be done about a refusal
  * @returns {HTMLElement[]}
  */
-export function findings(header, waive) {
+export function findings(header, waive, mends) {
   const found = header.findings ?? [];
   const refused = header.refused;
   const items = found.map((/** @type {Dict} */ f) => {
@@ -89,7 +90,7 @@ export function findings(header, waive) {
       make("code", { textContent: refused.check }), make("p", { textContent: refused.message })));
   }
   if (!items.length) return [block("Findings", chip("good", "✓", "nothing to complain about"))];
-  return [block("Findings", make("ul", { className: "table-findings" }, ...items))];
+  return [block("Findings", make("ul", { className: "table-findings" }, ...items), ...mends)];
 }
 
 /**

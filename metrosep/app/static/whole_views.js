@@ -80,8 +80,8 @@ export function makeWholeViews({ wire, level, stage, kind, epoch, refused, lower
       const { header, arrays } = await wire.ask("waves2d", { stage: stage(), level: at });
       if (mine !== epoch()) return;
       const [short, long] = [2.2 / Math.max(header.window[2], header.window[3]), 8 / header.window[2]];
-      if (!waves.get("ring")) waves.put({ ring: [2 * short, Math.max(long, 4 * short)] });
-      waves.put({ shape: arrays.index.shape, window: header.window, amplitude: header.amplitude, decades: header.decades,
+      if (!waves.get("ring") || waves.get("unit") !== header.unit) waves.put({ ring: [2 * short, Math.max(long, 4 * short)] });
+      waves.put({ shape: arrays.index.shape, unit: header.unit, window: header.window, amplitude: header.amplitude, decades: header.decades,
         peak: header.peak, notes: header.notes, is_preview: header.is_preview, message: "", index: arrays.index });
       counted();
     } catch (error) {

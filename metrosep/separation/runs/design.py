@@ -97,7 +97,7 @@ def _prepare(run: Run, block: int, probe: str) -> PreparedRun:
         raise InvalidSamplesError(
             f"run {name!r} has no time; the joint method needs time to tell vibration from "
             "geometry: give a time column, the sampling rate or the feed (or use method='mean')"
-        )
+        ).hinting(method="mean")
     try:
         clock = fit_clock(run)
     except NotUniformError as exc:
@@ -109,7 +109,7 @@ def _prepare(run: Run, block: int, probe: str) -> PreparedRun:
         raise TooFewSamplesError(
             f"run {name!r} has {int((~np.isnan(run.z)).sum())} valid samples, the joint method needs "
             f"at least {32 * block} in each run; use method='mean' or leave the run out"
-        )
+        ).hinting(method="mean")
     n = clock.size // block * block
     taken = np.arange(clock.size)
     z = np.full(clock.size, np.nan)

@@ -176,7 +176,9 @@ def separate_runs(
     shortest = metres(shortest, "shortest")
     lag = lag if isinstance(lag, str) else float(lag)
     if method != "joint" and lag not in ("auto", 0.0):
-        raise DataError(f"method {method!r} works in space and has no lag; use method='joint'")
+        raise DataError(
+            f"method {method!r} works in space and has no lag; use method='joint'"
+        ).hinting(method="joint")
     if method == "mean" and shortest is not None:
         raise DataError("method 'mean' does not filter, so it has no shortest wavelength")
     if method == "mean" and options.get("feed") is not None:

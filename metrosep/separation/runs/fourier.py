@@ -530,9 +530,13 @@ def _kept(passed: NDArray[np.bool_], rule: Rule) -> tuple[NDArray[np.bool_], int
     if rule == "contiguous":
         m = n if passed.all() else int(np.argmin(passed))
         if m == 0:
-            raise NotSeparableError(
-                "the longest wavelength already fails the thresholds, so the contiguous band is "
-                "empty; use rule='mask' or rule='shortest'"
+            raise (
+                NotSeparableError(
+                    "the longest wavelength already fails the thresholds, so the contiguous band is "
+                    "empty; use rule='mask' or rule='shortest'"
+                )
+                .hinting(rule="mask")
+                .hinting(rule="shortest")
             )
         return np.arange(n) < m, m
     m = int(np.flatnonzero(passed)[-1]) + 1

@@ -317,12 +317,16 @@ def _check_feeds(runs: RunSet, *, min_feeds: int, fit_lag: bool) -> None:
             f"the {way} runs have no feedrate and no time; the joint method needs time to tell "
             "vibration from geometry: give a time column, the sampling rate or the feed of each "
             "run (or use method='mean')"
-        )
+        ).hinting(method="mean")
     if len(feeds) < min_feeds:
-        raise NotSeparableError(
-            f"the {way} runs have {len(feeds)} feedrate(s) ({have}), the separation needs {min_feeds}: a "
-            "vibration and a geometric error of the same wavelength look alike at one feedrate; "
-            "add runs at another feedrate, or accept averaging with method='mean' or min_feeds=1"
+        raise (
+            NotSeparableError(
+                f"the {way} runs have {len(feeds)} feedrate(s) ({have}), the separation needs {min_feeds}: a "
+                "vibration and a geometric error of the same wavelength look alike at one feedrate; "
+                "add runs at another feedrate, or accept averaging with method='mean' or min_feeds=1"
+            )
+            .hinting(method="mean")
+            .hinting(min_feeds=1)
         )
     if fit_lag and len(feeds) < 2:
         raise NotSeparableError(

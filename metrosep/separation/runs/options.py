@@ -177,17 +177,21 @@ class JointOptions:
             raise NotSeparableError(
                 "lag='fit' and position_offsets cannot be distinguished: a delay moves each run by the delay "
                 "times its speed; fit the one or the other"
-            )
+            ).hinting(position_offsets=False)
         if self.position_offsets and self.following == "waves":
-            raise NotSeparableError(
-                "following='waves' and position_offsets cannot be distinguished: a displaced run changes the "
-                "phase of each wave; fit the one or the other"
+            raise (
+                NotSeparableError(
+                    "following='waves' and position_offsets cannot be distinguished: a displaced run changes the "
+                    "phase of each wave; fit the one or the other"
+                )
+                .hinting(position_offsets=False)
+                .hinting(following="off")
             )
         if self.following == "waves" and fit_lag:
             raise NotSeparableError(
                 "lag='fit' and following='waves' cannot be distinguished: a lag is a wave in "
                 "quadrature that grows with the feed; fit the one or the other"
-            )
+            ).hinting(following="off")
         if self.probe_gain == "fit" and n_probes < 2:
             raise NotSeparableError(
                 f"probe_gain='fit' compares probes, the {way} runs have {n_probes}; name the probe of "

@@ -266,7 +266,7 @@ def _inside(run: Run, origin: float, length: float) -> tuple[FloatArray, FloatAr
             f"run {run.run_id!r} was not measured over {format_length(widest)} within the modelled "
             f"{format_length(length)}; a Fourier sum cannot bridge that: use method='joint', or a range "
             "without the gap"
-        )
+        ).hinting(method="joint")
     return np.asarray(x[keep]), np.asarray(z[keep])
 
 
