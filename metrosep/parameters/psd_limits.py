@@ -298,14 +298,16 @@ def judge_psd(spectrum: MaskedPsd, limit: PsdLimit) -> PsdVerdict:
     length of the window, times the evenness (sum P)^2 / (N sum P^2) of the density in it, at least 1;
     parallel lines of a map hang together, so their number adds none. Bands beyond what the
     measurement reaches are inconclusive. Where a falling spectrum was taken from heights, bands of
-    fewer than 8 waves across the outline read high, which a note says.
+    fewer than 8 waves across the outline read high, which a note says. Holes that were closed, a share
+    s of the outline, hold less than the part did: of short waves nothing, so that 1 - s of the power is
+    left. A band is accepted if it also is with its mean over 1 - s: what is missing accepts no part.
     """
     names = ("x", "y")
     results = []
     for psd, length, lowest, name in zip(
         spectrum.one_sided, spectrum.lengths, spectrum.lowest, names, strict=False
     ):
-        bands, notes = _bands(psd, length, lowest, limit)
+        bands, notes = _bands(psd, length, lowest, limit, spectrum.filled_share)
         outcome = worst([b.verdict for b in bands]) or "inconclusive"
         if notes and outcome == "accept":
             outcome = "inconclusive"
@@ -315,7 +317,10 @@ def judge_psd(spectrum: MaskedPsd, limit: PsdLimit) -> PsdVerdict:
     order = {"reject": 2, "inconclusive": 1, "accept": 0}
     chosen = max(results, key=lambda r: (order[r.verdict], r.worst.ratio))
     if spectrum.filled_share:
-        closed = f"{100 * spectrum.filled_share:.3g} % of the outline were holes, closed before"
+        closed = (
+            f"{100 * spectrum.filled_share:.3g} % of the outline were holes, closed before; what they may have held "
+            "counts against accepting"
+        )
         chosen = PsdVerdict(
             limit, chosen.bands, chosen.direction, chosen.verdict, chosen.spectrum,
             (*chosen.notes, closed),
@@ -333,7 +338,7 @@ def _reads_high(long: int, n: int) -> str:
 
 
 def _bands(
-    psd: Psd, length: float, lowest: float, limit: PsdLimit
+    psd: Psd, length: float, lowest: float, limit: PsdLimit, closed: float
 ) -> tuple[tuple[BandResult, ...], list[str]]:
     f, P = psd.frequency, psd.density
     low, high = 1.0 / limit.longest, 1.0 / limit.shortest
@@ -364,7 +369,7 @@ def _bands(
         scale = 1.0 if limit.rms is not None else width
         more, less = _factors(independent)
         verdict: Verdict = "inconclusive"
-        if square * more <= allowed:
+        if square * more <= allowed * (1.0 - closed):
             verdict = "accept"
         elif square * less > allowed:
             verdict = "reject"

@@ -6,9 +6,9 @@ d the distance to the outside. On a disc that is the cos^2 of the radius. Withou
 that falls like f^-4 is wrong by up to a factor of twenty (metrology-2, 7.2). With it the lowest bands
 still take in some of the waves longer than the part, 20 to 90 % too much for f^-4; so a spectrum that
 falls is taken from the slopes, whose own spectrum falls by f^2 less, and divided by what the difference
-of two samples passes. Of a spectrum that does not fall a closed hole would be a patch of one height, a
-wave of its own length: each octave is that of closed holes or of holes left out of the window, whichever
-holds less. At the highest frequencies closing loses about the share that was closed.
+of two samples passes. A gap of a profile that does not fall is closed by means of its surroundings, or
+it would be a wave of its own length. At the highest frequencies closing loses about the share that was
+closed.
 """
 
 from __future__ import annotations
@@ -208,9 +208,8 @@ def masked_psd(
     if estimate == "slopes" or (estimate == "auto" and detrend != "mean" and falls):
         power, w = _of_slopes(closed, outline, steps, is_map=is_map)
         taken = "slopes"
-    elif n_filled and not falls:
-        open_, _ = _of_heights(z, outline, steps, is_map=is_map, seen=measured)
-        power = _smaller_in_each_octave(power, open_, z.shape, steps)
+    elif n_filled and not is_map and not falls:
+        power, w = _of_heights(_closed_by_means(z), outline, steps, is_map=is_map)
     facts = {
         "detrend": detrend,
         "filled_share": share,
@@ -311,6 +310,22 @@ def _closed(
     return out
 
 
+def _closed_by_means(line: FloatArray) -> FloatArray:
+    """Return a row whose gaps hold the line between the means of as many samples on either side.
+
+    Of a white row the heights beside a gap, drawn on over all of it, would be a wave of its length.
+    """
+    out = line.copy()
+    z, filled = line[0], out[0]
+    known = np.flatnonzero(~np.isnan(z))
+    for k in np.flatnonzero(np.diff(known) > 1):
+        a, b = known[k], known[k + 1]
+        n = b - a - 1
+        left, right = z[max(a - n + 1, 0) : a + 1], z[b : b + n]
+        filled[a + 1 : b] = np.linspace(np.nanmean(left), np.nanmean(right), n + 2)[1:-1]
+    return out
+
+
 def _window(outline: NDArray[np.bool_], steps: tuple[float, float], *, is_map: bool) -> FloatArray:
     from scipy import ndimage
 
@@ -321,25 +336,13 @@ def _window(outline: NDArray[np.bool_], steps: tuple[float, float], *, is_map: b
 
 
 def _of_heights(
-    z: FloatArray,
-    outline: NDArray[np.bool_],
-    steps: tuple[float, float],
-    *,
-    is_map: bool,
-    seen: NDArray[np.bool_] | None = None,
+    z: FloatArray, outline: NDArray[np.bool_], steps: tuple[float, float], *, is_map: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the density of what lies inside an outline at the frequencies of the FFT, and the window.
-
-    Of the pixels that are seen alone, if given: the window is zero at the others.
-    """
+    """Return the density of what lies inside an outline at the frequencies of the FFT, and the window."""
     from scipy import fft
 
     w = _window(outline, steps, is_map=is_map)
-    if seen is None:
-        seen = outline
-    else:
-        w = np.where(seen, w, 0.0)
-    z = np.where(seen, z - float((w * z)[seen].sum() / w.sum()), 0.0)
+    z = np.where(outline, z - float((w * z)[outline].sum() / w.sum()), 0.0)
     cell = math.prod(steps) if is_map else steps[1]
     power = np.abs(fft.fft2(w * z, _padded(w.shape))) ** 2
     return np.asarray(power * (cell / float((w * w).sum()))), w
@@ -395,24 +398,6 @@ def _falls(power: FloatArray, shape: tuple[int, ...], steps: tuple[float, float]
     lower = float(power[(f >= lowest) & (f < middle)].mean())
     upper = float(power[(f >= middle) & (f < highest)].mean())
     return bool(lower > upper * (highest / middle) ** _FALLS)
-
-
-def _smaller_in_each_octave(
-    closed: FloatArray, open_: FloatArray, shape: tuple[int, ...], steps: tuple[float, float]
-) -> FloatArray:
-    """Return of two densities the one that holds less in each octave of periods across the map.
-
-    Both errors add power: a closed hole is a patch of one height, an open one spreads the power of
-    some waves over all others. Of narrower bands the smaller would be so by chance.
-    """
-    from scipy import fft
-
-    f_y, f_x = (fft.fftfreq(n, s) for n, s in zip(closed.shape, steps, strict=True))
-    width = min(n * s for n, s in zip(shape, steps, strict=True) if n > 1)
-    periods = np.maximum(np.hypot(f_y[:, None], f_x) * width, 1.0)
-    octave = np.log2(periods).astype(np.intp)
-    less, more = (np.bincount(octave.ravel(), v.ravel()) for v in (open_, closed))
-    return np.where((less < more)[octave], open_, closed)
 
 
 def _padded(shape: tuple[int, ...]) -> tuple[int, ...]:

@@ -114,3 +114,33 @@ def test_what_the_measurement_does_not_reach_is_inconclusive():
     assert "cannot be judged on this width" in long.notes[0]
     with pytest.raises(DataError, match="no frequency"):
         judge_psd(masked_psd(p), psd_limit("rms = 1 nm from 100 mm to 200 mm"))
+
+
+@pytest.mark.parametrize("size", [1, 3], ids=["single pixels", "3 x 3"])
+def test_what_is_missing_accepts_no_part(size):
+    """A wave packet of 8 to 16 periods on a floor: the limit that the whole map just misses stays missed."""
+    n, step = 128, 50 * UM
+    low, high = (np.fft.fftfreq(n) * n)[:, None], np.fft.fftfreq(n) * n
+    f = np.hypot(low, high)
+    for seed in range(4):
+        rng = np.random.default_rng(9100 + seed)
+        z = np.fft.ifft2(np.fft.fft2(rng.standard_normal((n, n))) * ((f > 8) & (f < 16))).real
+        z = 10 * NM * z / z.std() + NM * rng.standard_normal((n, n))
+        seeds = rng.random((n, n)) < 0.09 / size**2
+        holes = np.zeros((n, n), bool)
+        for i, j in np.argwhere(seeds[2:-4, 2:-4]) + 2:
+            holes[i : i + size, j : j + size] = True
+        parts = [
+            masked_psd(Surface(np.where(m, np.nan, z), step, step)) for m in (holes & False, holes)
+        ]
+
+        def verdict(spectrum, rms):
+            return judge_psd(spectrum, psd_limit(f"rms = {rms} nm from 0.4 mm to 0.8 mm")).verdict
+
+        missed, kept = 1.0, 100.0
+        for _ in range(30):
+            middle = 0.5 * (missed + kept)
+            accepted = verdict(parts[0], middle) == "accept"
+            missed, kept = (missed, middle) if accepted else (middle, kept)
+        assert verdict(parts[0], kept) == "accept"
+        assert verdict(parts[1], missed) != "accept"
