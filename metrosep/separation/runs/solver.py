@@ -542,12 +542,6 @@ def find_lines(system: System, model: Model, options: JointOptions) -> list[Foun
             frequencies=[f.frequency for f in found], wavenumbers=system.terms.wavenumbers
         )
         _pass(system, model, most=3)
-        # A noise model that held the line until now would keep it: beside a free amplitude in each
-        # run the readings do not show the noise at that frequency. So it starts from white again.
-        for _ in range(2):
-            system.update_noise(model, most=0)
-            model.take(system.equations(model))
-            model.learn(3)
         _pass(system, model, most=6, order=None, above=1.0)
     return found
 
