@@ -469,7 +469,7 @@ class _Seen:
 
 
 def _place(x: FloatArray, phi: FloatArray, at: int) -> str:
-    return f"X = {format_length(float(x[at]))}, azimuth {math.degrees(float(phi[at])):.4g} degrees"
+    return f"X = {format_length(float(x[at]))}, azimuth {math.degrees(float(phi[at])) % 360.0:.4g} degrees"
 
 
 def _reach(form: Form, outer: float, edge: Edge) -> float:
