@@ -262,7 +262,7 @@ class TurningJob:
         float, m
             What the contact of the nose lies inside the tip at the rim, at the azimuth where that is most,
             and one feed and a half: for the first turn, and so that it decides no place of the part; 0
-            without a nose.
+            without a nose and on a bowl whose contact lies that far outside the tip.
 
         Raises
         ------

@@ -423,8 +423,8 @@ class _Seen:
         if strict and air.any():
             raise InvalidSamplesError(
                 f"the {self._form.name} has no height below the tip at "
-                f"{self._place(first + int(np.argmax(air)))}: end the path before, or give a form "
-                "that goes on"
+                f"{self._place(first + int(np.argmax(air)))}: end the path before, give a form "
+                "that goes on, or, where this is before the rim, a smaller lead_in such as 3"
             )
         for name, which in (("beyond", beyond), ("border", border), ("jumps", contacts > 1)):
             if which.any():

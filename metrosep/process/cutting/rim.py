@@ -35,7 +35,8 @@ def outside_the_rim(form: Form, radius: float, feed: float, edge: Edge, servo: S
         return turns
     starts, _, z = tips_at(form, np.full(turn.size, radius), turn, edge)
     _require_heights(form, radius, np.isnan(z), radius, turn)
-    return max(0.0, float(starts.max()) - radius) + turns
+    # on a bowl the contact lies outside the tip already
+    return max(0.0, float(starts.max()) - radius + turns)
 
 
 def points_before(spiral: SpiralPath, out: float) -> float:
@@ -67,9 +68,13 @@ def rim_said(
             f"turns; {cure}"
         )
     elif X[0] > radius + first:
+        outer = float(np.nanmax(contacts[X[0] - X <= first]))
+        less = (
+            "" if outer > X[0] else " (with a smaller lead_in the outermost ring stays too high)"
+        )
         said.append(
-            f"the tip begins {format_length(float(X[0]) - radius)} outside the rim, so that the nose cuts "
-            "the part up to it: the machine must reach there (with a smaller lead_in the outermost ring stays too high)"
+            f"the tip begins {format_length(float(X[0]) - radius)} outside the rim and touches up to rho = "
+            f"{format_length(outer)}: the machine must reach there{less}"
         )
     return said
 
@@ -84,5 +89,5 @@ def _require_heights(
             f"{format_length(rho)} about the spindle axis, the first at azimuth "
             f"{math.degrees(float(turn[np.argmax(missing)])):.4g} degrees, and the part is to be cut up to its "
             f"rim at {format_length(radius)}: take a smaller radius, give a form that reaches there, or give "
-            "lead_in where the part ends there in truth and air is right"
+            "lead_in = 3 where the part ends there in truth and air is right"
         )
