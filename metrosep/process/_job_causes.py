@@ -11,11 +11,12 @@ from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.forms.base import Form
+from metrosep.process._motion import FollowUp, FollowUpMap
 from metrosep.process._setting_equations import FACTORS, height_errors
 from metrosep.process.predictions import Contribution
 from metrosep.process.tool_settings import ToolSetting
 
-__all__ = ["cause_of", "checked_removed", "setting_cause"]
+__all__ = ["cause_of", "check_causes", "checked_removed", "setting_cause"]
 
 _NAME = "tool setting"
 _STEP = {"dx": 1e-8, "dy": 1e-8, "dR": 1e-6}
@@ -175,3 +176,23 @@ def checked_removed(removed: Sequence[str]) -> tuple[str, ...]:
         raise DataError(f'removed must be of "piston" and "tilt", got {removed!r}')
     names = (removed,) if isinstance(removed, str) else tuple(removed)
     return tuple(numbers.choice(n, "removed", ("piston", "tilt")) for n in names)
+
+
+def check_causes(tool: object, follow_up: object, *, float_too: bool) -> None:
+    """Raise DataError for a cause of another kind."""
+    if tool is not None and not isinstance(tool, ToolSetting):
+        raise DataError(
+            f"tool must be a ToolSetting such as ToolSetting(dx=1e-6), got {type(tool).__name__}"
+        )
+    if follow_up is None or isinstance(follow_up, FollowUp | FollowUpMap):
+        return
+    if not float_too:
+        raise DataError(
+            "follow_up must be a log placed on the part, from follow_up(...): a "
+            f"{type(follow_up).__name__} has no shape that could be made up for"
+        )
+    if not isinstance(follow_up, str) and not numbers.is_real(follow_up):
+        raise DataError(
+            "follow_up must be a log placed on the part, from follow_up(...), or a P-V in m, got "
+            f"{type(follow_up).__name__}"
+        )

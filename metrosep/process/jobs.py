@@ -12,16 +12,15 @@ from dataclasses import dataclass, fields
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import described_by
-from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
+from metrosep.core.errors import DataError, LimitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
-from metrosep.process._job_causes import cause_of, checked_removed, setting_cause
+from metrosep.process._job_causes import cause_of, check_causes, checked_removed, setting_cause
 from metrosep.process._log_places import held_on_points, on_spiral
 from metrosep.process._motion import FollowUp, FollowUpMap
 from metrosep.process._plain import frozen, length
@@ -30,9 +29,10 @@ from metrosep.process.cutting.course_errors import course_error, lead_in_dip, on
 from metrosep.process.cutting.edge_errors import Servo
 from metrosep.process.cutting.motion import AxisLimits, AxisMotion, axis_motion
 from metrosep.process.cutting.programs import TurningProgram
-from metrosep.process.cutting.servos import contact_path, tips_at
+from metrosep.process.cutting.rim import outside_the_rim, points_before, rim_said
+from metrosep.process.cutting.servos import contact_path, refuse_fitted
 from metrosep.process.feedforward import corrected_path, left_over
-from metrosep.process.interpolation import Interpolation, arc_length, knot_slopes
+from metrosep.process.interpolation import Interpolation, knot_slopes
 from metrosep.process.machining_times import MachiningTime, machining_time
 from metrosep.process.nose import RoundNose
 from metrosep.process.nose_checks import gouge_check
@@ -55,8 +55,6 @@ from metrosep.process.tool_settings import ToolSetting
 __all__ = ["JobPlan", "TurningJob"]
 
 _LEAD_IN = 3
-_AZIMUTHS = 720
-"""Of the rim at which a job looks how far out the tip must begin."""
 _PARTS = 10
 """Moments within a block at which a plan or a prediction looks."""
 _MOST_COUNTS, _NEARLY = 14, 0.98
@@ -264,7 +262,7 @@ class TurningJob:
         float, m
             What the contact of the nose lies inside the tip at the rim, at the azimuth where that is most,
             and one feed and a half: for the first turn, and so that it decides no place of the part; 0
-            without a nose.
+            without a nose and on a bowl whose contact lies that far outside the tip.
 
         Raises
         ------
@@ -281,42 +279,15 @@ class TurningJob:
         numbers.choice(servo, "servo", get_args(Servo))
         if self.nose is None:
             return 0.0
-        turns = 1.5 * self.feed
-        turn = np.linspace(0.0, 2.0 * math.pi, _AZIMUTHS, endpoint=False)
-        if servo == "XZ":  # the contacts are on the spiral
-            out = self.radius + turns
-            z = self.form.height(out * np.cos(turn), out * np.sin(turn))
-            self._require_heights(np.isnan(z), out, turn)
-            return turns
-        edge = Edge.of(self.nose, self._way, tool)
-        starts, _, z = tips_at(self.form, np.full(turn.size, self.radius), turn, edge)
-        self._require_heights(np.isnan(z), self.radius, turn)
-        return max(0.0, float(starts.max()) - self.radius) + turns
-
-    def _require_heights(self, missing: NDArray[np.bool_], rho: float, turn: FloatArray) -> None:
-        """Raise InvalidSamplesError for a form that ends before the radius at which contacts are to lie."""
-        if missing.any():
-            raise InvalidSamplesError(
-                f"the {self.form.name} has no height at {100.0 * missing.mean():.3g} % of the circle of "
-                f"{format_length(rho)} about the spindle axis, the first at azimuth "
-                f"{math.degrees(float(turn[np.argmax(missing)])):.4g} degrees, and the part is to be cut up to its "
-                f"rim at {format_length(self.radius)}: take a smaller radius, give a form that reaches there, or give "
-                "lead_in where the part ends there in truth and air is right"
-            )
+        return outside_the_rim(
+            self.form, self.radius, self.feed, Edge.of(self.nose, self._way, tool), servo
+        )
 
     def _led_in(
         self, spiral: SpiralPath, servo: Servo, tool: ToolSetting | None = None
     ) -> SpiralPath:
         """Return the path with the points before the rim that the nose, and the end of a spline, need."""
-        points = 0.0
-        if self.nose is not None:
-            turns = self.before_the_rim(servo, tool) / self.feed
-            if spiral.distribution == "CA":
-                points = turns * 2.0 * math.pi / spiral.step
-            else:
-                ends = [2.0 * math.pi * (spiral.turns + k) for k in (turns, 0.0)]
-                out, rim = (float(arc_length(u, self.feed)) for u in ends)
-                points = (out - rim) / spiral.step
+        points = points_before(spiral, self.before_the_rim(servo, tool))
         return spiral.with_options(lead_in=_LEAD_IN + math.ceil(points))
 
     @described_by(points_for_tolerance, errors=False)
@@ -562,8 +533,8 @@ class TurningJob:
         "XZ" at the place of the contact. Cusps are not in the budget.
         """
         spiral = self._own(path)
-        _check_causes(tool, follow_up, float_too=True)
-        _check_causes(None, follow_up_x, float_too=False)
+        check_causes(tool, follow_up, float_too=True)
+        check_causes(None, follow_up_x, float_too=False)
         if not isinstance(others, list | tuple):
             raise DataError(f"others must be a list of contributions, got {type(others).__name__}")
         removed = checked_removed(removed)
@@ -658,7 +629,7 @@ class TurningJob:
         X, azimuth, t, speed = self._course(spiral)
         rates = spiral.interpolation == "pvt"
         if servo == "XZ":
-            _refuse_fitted(spiral)
+            refuse_fitted(spiral)
             X, azimuth, Z, said = contact_path(self.form, X, azimuth, edge)
             velocities = None
         else:
@@ -673,7 +644,10 @@ class TurningJob:
         if servo == "Z":
             turn = slice(0, int(np.count_nonzero(X[0] - X <= 1.01 * self.feed)))
             begins = tips(self.form, X[turn], azimuth[turn], edge, strict=False)
-            said = (*said, *self._rim_said(spiral, X[turn], begins.rho))
+            said = (
+                *said,
+                *rim_said(spiral, X[turn], begins.rho, lambda: self._led_in(spiral, "Z").lead_in),
+            )
         return TurningProgram(
             frozen(X), frozen(azimuth), frozen(Z), t, "tip", spiral.interpolation,
             None if velocities is None else frozen(velocities), None, spiral.lead_in, {},
@@ -706,34 +680,6 @@ class TurningJob:
         theta -= theta[0]
         theta /= speed
         return X, azimuth, frozen(theta), speed
-
-    def _rim_said(
-        self,
-        spiral: SpiralPath,
-        X: FloatArray,
-        contacts: FloatArray,
-        tool: ToolSetting | None = None,
-    ) -> list[str]:
-        """Return what is to be said of a beginning whose contacts at tips are known, a turn or more of them."""
-        first = self.feed + 1e-9 * self.radius
-        starts = float(np.nanmin(contacts[X[0] - X <= first]))
-        said = []
-        if starts < self.radius - 0.5 * first:  # more stays than between two turns
-            try:
-                cure = f"give lead_in = {self._led_in(spiral, 'Z', tool).lead_in}"
-            except InvalidSamplesError:
-                cure = "take a smaller radius, for the form ends at the rim"
-            said.append(
-                f"the first turn touches the part up to rho = {format_length(starts)} only: outside it, up to the "
-                f"rim at {format_length(self.radius)}, the flank of the nose alone cuts and leaves more than between "
-                f"turns; {cure}"
-            )
-        elif X[0] > self.radius + first:
-            said.append(
-                f"the tip begins {format_length(float(X[0]) - self.radius)} outside the rim, so that the nose cuts "
-                "the part up to it: the machine must reach there (with a smaller lead_in the outermost ring stays too high)"
-            )
-        return said
 
     def _rates(self, spiral: SpiralPath, speed: float, slopes: FloatArray) -> FloatArray:
         """Return velocities of X, azimuth and Z by dZ/dX and dZ/dphi of the tip, equation (6)."""
@@ -798,8 +744,8 @@ class TurningJob:
                 "give the tool setting or the follow-up error that is to be made up for, or the job a "
                 "nose"
             )
-        _check_causes(tool, follow_up, float_too=False)
-        _check_causes(None, follow_up_x, float_too=False)
+        check_causes(tool, follow_up, float_too=False)
+        check_causes(None, follow_up_x, float_too=False)
         gain = numbers.positive(numbers.between(gain, "gain", 0.0, 1.0), "gain")
         spiral = self._own(path)
         numbers.choice(servo, "servo", get_args(Servo))
@@ -851,7 +797,7 @@ class TurningJob:
         """Return the program of X and Z whose contacts, of the tool as it is set, lie on the spiral."""
         self._require_nose_for_xz()
         assert self.nose is not None  # noqa: S101  # just seen
-        _refuse_fitted(spiral)
+        refuse_fitted(spiral)
         nominal = self.program(spiral, servo="XZ")
         places = self._course(spiral)[0]
         X, azimuth, Z, said = nominal.X, nominal.azimuth, nominal.Z, [*nominal.messages]
@@ -902,7 +848,9 @@ class TurningJob:
         edge = nominal if tool is None else Edge.of(nose, self.sense, tool)
         made = tips(self.form, points.rho, points.azimuth, edge, strict=True)
         said = [*fits.messages, *made.messages]
-        said += self._rim_said(spiral, points.rho, made.rho, tool)
+        said += rim_said(
+            spiral, points.rho, made.rho, lambda: self._led_in(spiral, "Z", tool).lead_in
+        )
         turn = edge.by_azimuth(points.rho, made.psi, made.along_x, made.along_y)
         slopes = np.stack([made.along_x, turn])
         if tool is None:
@@ -933,31 +881,3 @@ class TurningJob:
                     theirs, ours = f"{theirs:.6g} m", f"{ours:.6g} m"
                 raise DataError(f"the path has the {name} {theirs}, the job has {ours}")
         return spiral
-
-
-def _check_causes(tool: object, follow_up: object, *, float_too: bool) -> None:
-    """Raise DataError for a cause of another kind."""
-    if tool is not None and not isinstance(tool, ToolSetting):
-        raise DataError(
-            f"tool must be a ToolSetting such as ToolSetting(dx=1e-6), got {type(tool).__name__}"
-        )
-    if follow_up is None or isinstance(follow_up, FollowUp | FollowUpMap):
-        return
-    if not float_too:
-        raise DataError(
-            "follow_up must be a log placed on the part, from follow_up(...): a "
-            f"{type(follow_up).__name__} has no shape that could be made up for"
-        )
-    if not isinstance(follow_up, str) and not numbers.is_real(follow_up):
-        raise DataError(
-            "follow_up must be a log placed on the part, from follow_up(...), or a P-V in m, got "
-            f"{type(follow_up).__name__}"
-        )
-
-
-def _refuse_fitted(spiral: SpiralPath) -> None:
-    if spiral.knots == "least-squares":
-        raise DataError(
-            'knots="least-squares" are heights fitted between the points of Z alone: with servo "XZ" leave '
-            "knots out"
-        )

@@ -423,8 +423,8 @@ class _Seen:
         if strict and air.any():
             raise InvalidSamplesError(
                 f"the {self._form.name} has no height below the tip at "
-                f"{self._place(first + int(np.argmax(air)))}: end the path before, or give a form "
-                "that goes on"
+                f"{self._place(first + int(np.argmax(air)))}: end the path before, give a form "
+                "that goes on, or, where this is before the rim, a smaller lead_in such as 3"
             )
         for name, which in (("beyond", beyond), ("border", border), ("jumps", contacts > 1)):
             if which.any():
@@ -469,7 +469,7 @@ class _Seen:
 
 
 def _place(x: FloatArray, phi: FloatArray, at: int) -> str:
-    return f"X = {format_length(float(x[at]))}, azimuth {math.degrees(float(phi[at])):.4g} degrees"
+    return f"X = {format_length(float(x[at]))}, azimuth {math.degrees(float(phi[at])) % 360.0:.4g} degrees"
 
 
 def _reach(form: Form, outer: float, edge: Edge) -> float:

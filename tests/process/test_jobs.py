@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from metrosep.core.profile import Profile
-from metrosep.errors import DataError, LimitError, TooFewSamplesError, UnitError
+from metrosep.errors import (
+    DataError,
+    InvalidSamplesError,
+    LimitError,
+    TooFewSamplesError,
+    UnitError,
+)
 from metrosep.forms import Conic, Expression, SineGrid, Sphere, Toric
 from metrosep.process._motion import FollowUpMap
 from metrosep.process.jobs import TurningJob
@@ -607,6 +613,26 @@ def test_a_dome_whose_rim_the_nose_misses_is_said():
     whole = dome.compensated(dome.path(step=0.5))
     assert any("the tip begins 97.08 um outside the rim" in m for m in whole.messages)
     assert not any("the flank of the nose" in m for m in whole.messages)
+
+
+def test_a_bowl_needs_no_run_before_the_rim():
+    bowl = TurningJob(Sphere(R=35e-3), 2e-3, 10e-6, rpm=60, core=1.9e-3, nose=RoundNose(0.5e-3))
+    assert bowl.before_the_rim() == 0.0  # the contact lies 2 mm * 0.5 / 34.5 outside the tip
+    far = bowl.program(bowl.path(step=0.5, lead_in=60))
+    said = [m for m in far.messages if "outside the rim" in m]
+    assert said
+    assert "touches up to rho = 2.07" in said[0]  # X = 2.048 mm times 35 / 34.5
+    assert "stays too high" not in said[0]
+    assert not any("outside the rim" in m for m in bowl.program(bowl.path(step=0.5)).messages)
+
+
+def test_a_hemisphere_names_the_lead_in_with_which_it_is_cut():
+    half = TurningJob(Sphere(R=-2e-3), 1.99e-3, 40e-6, rpm=60, core=1.5e-3, nose=RoundNose(0.5e-3))
+    with pytest.raises(InvalidSamplesError, match="smaller lead_in such as 3") as told:
+        half.program(half.path(step=0.5))
+    azimuth = float(str(told.value).split("azimuth ")[1].split(" degrees")[0])
+    assert 0.0 <= azimuth < 360.0
+    half.program(half.path(step=0.5, lead_in=3))
 
 
 def test_a_plan_for_a_nose_holds_its_tolerance_on_the_tip_path():

@@ -18,9 +18,10 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
+from metrosep.process.path_points import SpiralPath
 from metrosep.process.tips import Edge, tip_heights
 
-__all__ = ["contact_path", "tips_at"]
+__all__ = ["contact_path", "refuse_fitted", "tips_at"]
 
 _BLOCK, _STEPS = 1 << 16, 6
 """Contacts at once; steps for the azimuth of the tip, each 1e-3 of the last."""
@@ -41,7 +42,7 @@ def contact_path(
     if bare.size:
         raise InvalidSamplesError(
             f"the {form.name} has no height at {bare.size} contacts of servo XZ, the first at rho = "
-            f"{format_length(float(rho[bare[0]]))}, azimuth {math.degrees(float(theta[bare[0]])):.4g} degrees: give "
+            f"{format_length(float(rho[bare[0]]))}, azimuth {math.degrees(float(theta[bare[0]])) % 360.0:.4g} degrees: give "
             'a form that goes on there, end the path before, or take servo="Z", which needs no height under the tip'
         )
     behind = np.flatnonzero(~(X >= 0.0))
@@ -62,7 +63,7 @@ def contact_path(
         raise LimitError(
             f"with servo XZ the nose cuts {format_length(float(low[worst]))} into the {form.name} beside "
             f"the contact at rho = {format_length(float(rho[worst]))}, azimuth "
-            f"{math.degrees(float(theta[worst])):.4g} degrees: take a smaller nose"
+            f"{math.degrees(float(theta[worst])) % 360.0:.4g} degrees: take a smaller nose"
         )
     return X, azimuth, Z, (swing, *said)
 
@@ -87,3 +88,12 @@ def tips_at(
             along = np.sqrt((rho - y) * (rho + y))
         azimuth = theta - np.arctan2(y, along)
     return along - x, azimuth, height - z
+
+
+def refuse_fitted(spiral: SpiralPath) -> None:
+    """Refuse a path with heights fitted between its points of Z, for X follows too."""
+    if spiral.knots == "least-squares":
+        raise DataError(
+            'knots="least-squares" are heights fitted between the points of Z alone: with servo "XZ" leave '
+            "knots out"
+        )
