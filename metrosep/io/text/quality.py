@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,18 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.io.text.dialect import BEYOND, bare_unit, is_other_unit
 
-__all__ = ["bad_rows", "changes_row", "is_truth", "marker_of", "says_bad", "truth_of_name"]
+if TYPE_CHECKING:
+    from metrosep.io.text.table import Column
+
+__all__ = [
+    "bad_rows",
+    "changes_row",
+    "is_truth",
+    "marked_bad",
+    "marker_of",
+    "says_bad",
+    "truth_of_name",
+]
 
 _BAD_TEXT = """
 ng nok nio bad wrong error errors err fail failed failure fault faulty outlier outliers reject rejected
@@ -249,3 +261,36 @@ def _distance(value: float, rest: FloatArray) -> float:
         return 0.0
     low, high = float(rest.min()), float(rest.max())
     return min(abs(value - low), abs(value - high)) / (high - low)
+
+
+_MOST_RANGES = 100
+"""Groups of lines that a message names; nobody types more of them."""
+
+
+def marked_bad(columns: Sequence[Column], lines: NDArray[np.int64]) -> list[str]:
+    """Return a warning for each column that calls some rows bad; they are read like the others."""
+    found = []
+    for column in columns:
+        if column.unit is not None:
+            continue
+        at, text = bad_rows(column.name, column.labels, column.values)
+        if not at.size:
+            continue
+        said = (
+            f"column {column.name!r} says {text!r} in {at.size} row(s) (first: line {int(lines[at[0]])}), which "
+            "were read like the others; "
+        )
+        if at.size == len(lines):
+            found.append(f"{said}that is every row: ask what it means before you use the numbers")
+            continue
+        most = (
+            "if that means that these were not measured well, " if 2 * at.size > len(lines) else ""
+        )
+        first = np.flatnonzero(np.diff(at, prepend=-2) > 1)
+        if first.size > _MOST_RANGES:
+            found.append(f"{said}{most}delete these rows in the file, {first.size} groups of them")
+            continue
+        ends = ((int(lines[p[0]]), int(lines[p[-1]])) for p in np.split(at, first[1:]))
+        every = ",".join(f"{a}" if a == b else f"{a}-{b}" for a, b in ends)
+        found.append(f"{said}{most}leave them out with skip_lines='{every}'")
+    return found

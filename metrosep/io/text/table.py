@@ -60,7 +60,7 @@ from metrosep.io.text.dialect import (
 )
 from metrosep.io.text.encoding import decode, encoding_of, plain_ends
 from metrosep.io.text.preamble import BEGUN, Preamble
-from metrosep.io.text.quality import bad_rows, marker_of
+from metrosep.io.text.quality import marked_bad, marker_of
 from metrosep.io.text.times import (
     Entries,
     Moments,
@@ -195,7 +195,7 @@ def read_table(file: RawFile, **text: Any) -> Table:
     odd, markers = markers_in(
         [c for c in columns if c.name not in exact], rows.lines, source.head.options
     )
-    odd += _marked_bad(columns[len(names) :], rows.lines)
+    odd += marked_bad(columns[len(names) :], rows.lines)
     header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
     if undecided:
         header["undecided"] = undecided
@@ -546,39 +546,6 @@ def refuse_marker(file: RawFile, table: Table, name: str) -> None:
     """Refuse a column that is used where one of its values surely means "not measured"."""
     if (message := table.header.get("markers", {}).get(name)) is not None:
         raise AmbiguousFormatError(f"{file.path}: {message}")
-
-
-_MOST_RANGES = 100
-"""Groups of lines that a message names; nobody types more of them."""
-
-
-def _marked_bad(columns: Sequence[Column], lines: NDArray[np.int64]) -> list[str]:
-    """Return a warning for each column that calls some rows bad; they are read like the others."""
-    found = []
-    for column in columns:
-        if column.unit is not None:
-            continue
-        at, text = bad_rows(column.name, column.labels, column.values)
-        if not at.size:
-            continue
-        said = (
-            f"column {column.name!r} says {text!r} in {at.size} row(s) (first: line {int(lines[at[0]])}), which "
-            "were read like the others; "
-        )
-        if at.size == len(lines):
-            found.append(f"{said}that is every row: ask what it means before you use the numbers")
-            continue
-        most = (
-            "if that means that these were not measured well, " if 2 * at.size > len(lines) else ""
-        )
-        first = np.flatnonzero(np.diff(at, prepend=-2) > 1)
-        if first.size > _MOST_RANGES:
-            found.append(f"{said}{most}delete these rows in the file, {first.size} groups of them")
-            continue
-        ends = ((int(lines[p[0]]), int(lines[p[-1]])) for p in np.split(at, first[1:]))
-        every = ",".join(f"{a}" if a == b else f"{a}-{b}" for a, b in ends)
-        found.append(f"{said}{most}leave them out with skip_lines='{every}'")
-    return found
 
 
 def without_empty_rows(table: Table) -> Table:
