@@ -302,12 +302,12 @@ def in_parts(runs: RunSet, first: float, last: float) -> bool:
 
 
 def require_tied(runs: RunSet) -> None:
-    """Refuse runs of parts that no chain of runs ties together: nothing tells their offsets apart."""
+    """Refuse runs of parts that no chain of runs ties by three places: offset and slope are two."""
     pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in runs)
     low, high = runs.full_travel
     grid = np.linspace(low, high, int(min((high - low) / pitch, _MAX_POINTS)) + 1)
     spans = [(known.min(), known.max()) for r in runs for known in [r.x[~np.isnan(r.z)]]]
-    _require_tied(runs, np.array([(grid >= a) & (grid <= b) for a, b in spans]), 1)
+    _require_tied(runs, np.array([(grid >= a) & (grid <= b) for a, b in spans]), 2)
 
 
 def _require_tied(runs: RunSet, valid: NDArray[np.bool_], n_columns: int) -> None:
@@ -317,8 +317,8 @@ def _require_tied(runs: RunSet, valid: NDArray[np.bool_], n_columns: int) -> Non
     names = ", ".join(repr(runs[i].run_id) for i in loose[:8])
     raise DataError(
         f"run {names} and run {runs[0].run_id!r} were measured in separate parts: no chain of runs "
-        "with positions in common tells their offsets apart; add a run that reaches over both "
-        "parts, or leave one part out"
+        f"with more than {n_columns} positions in common tells their offsets and slopes apart; add a "
+        "run that reaches over both parts, or leave one part out"
     )
 
 

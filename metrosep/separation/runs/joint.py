@@ -94,6 +94,11 @@ _PARTS = (
     "own (drift=1)"
 )
 
+_SLOPE_OF_PARTS = (
+    "; each part was set up with a slope of its own and no reading tells which is the axis's, so it "
+    "has no uncertainty"
+)
+
 _SLOPE_WITH_DRIFT = (
     "; it holds the drift that is common to all runs, which one feedrate cannot tell from it, so it "
     "has no uncertainty"
@@ -155,7 +160,8 @@ def separate_joint(
     options.check_runs(n_feeds, n_probes, fit_lag=lag == "fit", way=way)
     first, last = evaluation_range(runs, start=start, length=length, method="joint")
     lines_of_parts = False
-    if in_parts(runs, first, last):
+    parts = in_parts(runs, first, last)
+    if parts:
         require_tied(runs)
         # Parts are set up anew, each with its slope; with one for all the error bends at each joint.
         lines_of_parts = not options.drift
@@ -181,12 +187,15 @@ def separate_joint(
         lag_mode="stated" if options.position_offsets else mode,
         options=options,
         several_feeds=n_feeds > 1 and not options.position_offsets,
+        set_up_anew=parts,
     )
     solution, prepared, offsets = _at_their_places(prepared, solve, options)
     terms, sentences = report_terms(solution, prepared, runs, options)
     part, slope, level = joint_curves(solution, (first, last), (low, high))
     curve, uncertainty = part.error, part.uncertainty
-    if options.drift and n_feeds < 2:
+    if parts:
+        slope = Quantity(slope.value, slope.unit, slope.definition + _SLOPE_OF_PARTS)
+    elif options.drift and n_feeds < 2:
         slope = Quantity(slope.value, slope.unit, slope.definition + _SLOPE_WITH_DRIFT)
     spectrum = spectrum_columns(solution, runs, rate=false_discovery_rate)
     # A curve of few long waves may stand far out of its band where no single one does.

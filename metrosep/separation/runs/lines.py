@@ -254,12 +254,21 @@ class Terms:
     """Extra columns of a system, in this order: drift, lines, feed-dependent waves."""
 
     def __init__(
-        self, runs: Sequence[PreparedRun], *, drift: int, locked: bool, several_feeds: bool
+        self,
+        runs: Sequence[PreparedRun],
+        *,
+        drift: int,
+        locked: bool,
+        several_feeds: bool,
+        set_up_anew: bool = False,
     ) -> None:
         self.runs, self.drift, self.locked = runs, drift, locked
+        self.set_up_anew = set_up_anew
         self.half_time = max(float(np.ptp(r.t)) for r in runs) / 2.0
         self.common_drift = several_feeds and drift > 0
         self.drift_variance = np.ones(drift)
+        if set_up_anew:  # a learnt scatter may vanish, and the slopes then bend the error
+            self.drift_variance[:1] = 1.0 / _FLAT
         self.frequencies: list[float] = []
         self.wavenumbers: FloatArray = np.empty(0)
         self.origin = 0.0
@@ -350,7 +359,7 @@ class Terms:
     def learn(self, mean: FloatArray, variance: FloatArray) -> None:
         """Update the variance of the drifts among the runs (one step of expectation-maximisation)."""
         n = len(self.runs)
-        for j in range(self.drift):
+        for j in range(int(self.set_up_anew), self.drift):
             own = slice(j * n, (j + 1) * n)
             new = float(np.mean(mean[own] ** 2 + variance[own]))
             self.drift_variance[j] = max(new, _LEAST_VARIANCE)

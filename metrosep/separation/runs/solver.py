@@ -96,6 +96,7 @@ def solve_joint(
     lag_mode: Literal["stated", "auto", "fit"],
     options: JointOptions | None = None,
     several_feeds: bool = True,
+    set_up_anew: bool = False,
 ) -> Solution:
     """Estimate geometry, noise, sensor and slip from all runs together (3.3)."""
     options = options or JointOptions()
@@ -105,6 +106,7 @@ def solve_joint(
             drift=options.drift,
             locked=options.line_phase == "locked",
             several_feeds=several_feeds,
+            set_up_anew=set_up_anew,
         )
         extension = Extension(travel[0], travel[1] - travel[0], n_harmonics, origin=origin)
         system = System(runs, extension=extension, terms=terms, robust=options.robust)
