@@ -88,7 +88,8 @@ def _other_door(args: list[str]) -> list[str]:
     if args[0] == "identify":
         machine = [v for v in args[1:2] if not v.startswith("-")]
         return ["form", *args[1 + len(machine) :], *(f"--identify={v}" for v in machine)]
-    at = next((i for i, v in enumerate(args) if v.partition("=")[0] == "--from-machine"), 0)
+    end = args.index("--") if "--" in args else len(args)
+    at = next((i for i, v in enumerate(args[:end]) if v.partition("=")[0] == "--from-machine"), 0)
     if args[0] != "table" or not at:
         return args
     _, is_joined, value = args[at].partition("=")

@@ -249,7 +249,8 @@ def by_command_line(folder, text, capsys, *more):
     said += ["--error", str(folder / "lines.toml"), "--tool", "10 mm,-5 mm,-120 mm"]
     for axis, value in (("X", "20 mm"), ("Z", "150 mm"), ("C", "10 deg")):
         said += ["--zero", f"{axis}={value}"]
-    said += ["--path-unit", "mm", "--rotary-feed", "linear", "--tolerance", "20 nm", *more]
+    said += [] if "--path-unit" in more else ["--path-unit", "mm"]
+    said += ["--rotary-feed", "linear", "--tolerance", "20 nm", *more]
     with pytest.raises(SystemExit) as stop:
         main([*said, "-o", str(folder / "out.mpf"), "--force"])
     out = folder / "out.mpf"
@@ -381,3 +382,25 @@ def test_g70_of_unknown_feed_and_cycles_of_lathes_are_refused(tmp_path, capsys, 
     assert code == 4
     assert said in err
     assert written == ""
+
+
+def test_g71_beside_an_edge_is_a_unit_and_its_f_is_asked_for_where_it_is_used(tmp_path):
+    head = "G17 G71 G90 G94 G54 D1\nG0 X0. Y0. Z0. A-20. C0.\n"
+    found, text = corrected(tmp_path, head + "G1 X1. F50\nM30\n", rotary_feed="linear")
+    assert "F is taken" not in " ".join(found.messages)  # no F is read
+    _, like = corrected(
+        tmp_path, head.replace("G71", "G710") + "G1 X1. F50\nM30\n",
+        rotary_feed="linear", overwrite=True,
+    )  # fmt: skip
+    assert text == like.replace("G710", "G71")
+    turn = head + "G1 X1. C30. F50\nC90. F360\nM30\n"
+    given = {"rotary_feed": "linear", "overwrite": True}
+    with pytest.raises(UnsupportedFeatureError, match=r"G71 leaves the unit of F to the control"):
+        corrected(tmp_path, turn, errors=SPIN, **given)
+    found, _ = corrected(tmp_path, turn, errors=SPIN, unit="mm", **given)
+    assert "F is taken to be in mm/min" in " ".join(found.messages)
+
+
+def test_a_program_without_a_unit_hears_of_g71(tmp_path):
+    with pytest.raises(UnsupportedFeatureError, match=r"G710 or G71 of Sinumerik"):
+        corrected(tmp_path, "G90 G94\nG0 X0. Y0. Z0. A-20. C0.\n")

@@ -660,6 +660,7 @@ class _Program:
         if not self.moves.rate[k] or float(self.moves.rate[k]) <= 0.0:
             way = "state G94 and an F in units per minute before it, or write it in inverse time (G93)"
             raise refuse_block(line, what, "no F of G94 tells how long it takes", way)
+        self._require_unit_of_feed(what, line)
         self.timed[self.moves.line[k]] = self.moves.rate[k]
         minutes = (straight or turned) / float(self.moves.rate[k])
         if minutes < _SHORTEST_TURN:
@@ -671,6 +672,18 @@ class _Program:
                 "give the block a feed of its own in inverse time (G93), or move the linear axes in another one",
             )
         return format_feed(parts / minutes)
+
+    def _require_unit_of_feed(self, what: str, line: int) -> None:
+        """Refuse a time from an F whose unit G71 leaves open; name the unit that the caller stated."""
+        if self.state.open_feed:
+            why = "its time follows from F, and G71 leaves the unit of F to the control"
+            way = "write G710, or say that F is in mm/min with unit='mm' (--path-unit mm)"
+            raise refuse_block(line, what, why, way)
+        if self.state.geometry_line:
+            said = (
+                "G71 holds for positions: F is taken to be in mm/min, as the unit that was stated"
+            )
+            self.state.note(said, self.state.geometry_line)
 
     def _change_feed_modes(self) -> None:
         """Put G93 before the blocks that are timed, and G94 with its F behind them."""

@@ -39,8 +39,8 @@ _FEEDS = {930: "G93", 940: "G94", 950: "G95", 980: "G98", 990: "G99"}
 _UNITS = {200: INCH, 210: MM, 7000: INCH, 7100: MM}
 _GEOMETRY_UNITS = (700, 710)
 """G70, G71 of Sinumerik and TwinCAT: unit of positions; F stays in that of the control (802D sl manual, 8.2.3)."""
-_OF_CYCLES = frozenset("PQUWRDIK")
-"""Words that G70 and G71 have where they are cycles of lathes."""
+_OF_CYCLES = frozenset("PQUWR")
+"""Words of G70 and G71 as cycles of lathes, one of which each has; D, I and K beside G71 are of Sinumerik too."""
 _CYCLES = {
     900: "a turning cycle",
     920: "a threading cycle",
@@ -172,6 +172,10 @@ class ModalState:
     # it is refused (the part of a lathe)
     part: bool | None = None
     length: str = ""  # number of the tool length that G43.4 took
+    geometry_line: int = (
+        0  # line of the first G71, which leaves the unit of F to the control; 0: none
+    )
+    open_feed: bool = False  # whether nothing but G71 said a unit
     edge: str = ""  # number of the tool edge (D of Sinumerik), whose lengths are in force
     dropped: bool = False  # whether G49 or D0 took the length away and nothing has given it back
     axes: str = _AXES  # letters of the axes that are corrected
@@ -398,10 +402,9 @@ class ModalState:
         if code == _GEOMETRY_UNITS[0]:
             why = "F stays in the basic unit of the control, which the text does not say"
             raise refuse_block(line, name, why, "write G700 or G20, which hold for F too")
+        self.open_feed = self.scale is None
+        self.geometry_line = self.geometry_line or line
         self._units(MM, name, line)
-        self.note(
-            "G71 holds for positions: F is taken to be in mm/min, the control's basic unit", line
-        )
 
     def _units(self, scale: float, name: str, line: int) -> None:
         if self.scale is not None and self.scale != scale:
@@ -506,8 +509,8 @@ class ModalState:
             raise refuse_block(
                 line,
                 "a move",
-                "neither G20 (inch) nor G21 (mm) was stated, nor G700 or G710",
-                "add G21 or give unit='mm' (or 'inch')",
+                "neither G20 (inch) nor G21 (mm) was stated, nor G700, G710 or G71 of Sinumerik",
+                "add G21 (G710 for Sinumerik) or give unit='mm' (or 'inch')",
             )
         if self.away and self.cut:
             raise refuse_block(
