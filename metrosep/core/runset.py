@@ -398,7 +398,8 @@ class RunSet(PublicObject):
         if low >= high:
             raise InvalidSamplesError(
                 f"the runs have no travel in common: the latest starts at {format_length(low)}, the "
-                f"earliest ends at {format_length(high)}; leave out the run that was taken elsewhere"
+                f"earliest ends at {format_length(high)}; give start and length of a travel that was measured part by "
+                "part, or leave out the run that was taken elsewhere"
             )
         return low, high
 
