@@ -213,3 +213,74 @@ def test_a_frame_does_not_hide_a_line_that_stands_between_samples(tmp_path, betw
     found = ms.read(path, sampling_rate="100 Hz")
     assert np.abs(found.channels["z_um"] * 1e6 - Z).max() < PM
     assert any("stands between the rows" in w for w in found.metadata["warnings"]) is said
+
+
+_HEIGHTS = [[round(0.1 * i - 0.03 * k, 2) for k in range(15)] for i in range(20)]
+"""Heights of a tilted map in um: no row equals another, none its mirror image."""
+
+
+@pytest.mark.parametrize("mark", ["\t", ";", ","])
+@pytest.mark.parametrize("word", ["---", "___", "-------"])
+@pytest.mark.parametrize("n_lost", [1, 3])
+def test_rows_of_dashes_at_the_top_of_a_map_are_asked_for_and_kept(tmp_path, mark, word, n_lost):
+    rows = [mark.join(map(str, row)) for row in _HEIGHTS]
+    rows[:n_lost] = [mark.join([word] * 15)] * n_lost
+    file = tmp_path / "map.txt"
+    file.write_text("\n".join(rows) + "\n")
+    with pytest.raises(ReadError, match=rf"line 1 .*missing='{word}'"):
+        ms.read(file, unit="um", lateral_step="1 mm", decimal=".")
+    found = ms.read(file, unit="um", lateral_step="1 mm", decimal=".", missing=word)
+    assert found.z.shape == (20, 15)
+    assert np.isnan(found.z).sum() == 15 * n_lost
+    assert found.z[n_lost, 2] == pytest.approx(1e-6 * _HEIGHTS[n_lost][2], abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("names", "lost"),
+    [
+        ("z1_um\tz2_um", ["---\t---"] * 3),
+        ("z1_um;z2_um", ["-----;-----"]),
+        ("z1_um  z2_um", ["--- ---"]),
+        ("z_um", ["---"]),
+        ("z_um", ["-----"] * 2),
+        ("z1_um\tz2_um", ["___\t___"]),
+    ],
+)
+def test_samples_not_measured_below_the_names_are_never_a_rule(tmp_path, names, lost):
+    mark = next((m for m in "\t; " if m in names), "\n")
+    rows = [
+        mark.join(["0.25", "-0.5"][: len(names.split(mark.strip(" ") or None))]) for _ in range(30)
+    ]
+    rows = ["0.25"] * 30 if names == "z_um" else rows
+    file = tmp_path / "p.txt"
+    file.write_text("\n".join([names, *lost, *rows]) + "\n")
+    with pytest.raises(ReadError, match=r"line [23] .*skip_lines="):
+        ms.read(file, sampling_rate=1000.0, channel=names.split()[0].split(";")[0])
+    word = lost[0].replace(";", " ").split()[0]
+    found = ms.read(
+        file, sampling_rate=1000.0, missing=word, channel=names.split()[0].split(";")[0]
+    )
+    values = next(iter(found.channels.values())) if isinstance(found, ms.Recording) else found.z
+    assert values.shape[-1] == 30 + len(lost)
+    assert np.isnan(np.ravel(values)[: len(lost)]).all()
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "x_mm;z_um\n=====;=====",
+        "x_mm | z_um\n---|---",
+        "x_mm  z_um\n----  ----",
+        "x_mm\theight_um\n----\t---------",
+        "x_mm\tz_um\n--------------",
+        "-----------\nx_mm\tz_um",
+    ],
+)
+def test_a_line_under_the_names_is_a_rule_once(tmp_path, head):
+    mark = next(m for m in ("|", ";", "\t", "  ") if m in head)
+    rows = [f"{i}.5{mark}{i * i}.25" for i in range(12)]
+    file = tmp_path / "p.txt"
+    file.write_text("\n".join([head, *rows]) + "\n")
+    found = ms.read(file)
+    assert found.z.shape == (12,)
+    assert found.metadata["lines"]["rule"] == 1

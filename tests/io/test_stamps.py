@@ -146,3 +146,12 @@ def test_a_time_from_the_start_of_a_logger_stays(put):
 
     assert [float(t) for t in read.t] == [5.5, 6.5, 7.5, 8.5, 9.5]
     assert read.metadata["warnings"] == ()
+
+
+def test_a_stream_over_new_year_does_not_fall_by_thirty_years(tmp_path):
+    days = ["25.12.31 23:59:58", "25.12.31 23:59:59", "26.01.01 00:00:00", "26.01.01 00:00:01"]
+    path = tmp_path / "ny.csv"
+    path.write_text("Zeit;z_um\n" + "".join(f"{d};{k}.5\n" for k, d in enumerate(days)))
+    assert list(ms.read(path).t) == [0.0, 1.0, 2.0, 3.0]
+    with open_stream(path) as stream, pytest.raises(ReadError, match=r"line 4: .*with the year"):
+        list(stream.chunks(10))

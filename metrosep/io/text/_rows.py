@@ -636,7 +636,9 @@ class Body:
         """Whether a line is words, no row: it begins with a letter where a number should stand."""
         begin = fields[0].strip().strip('"')
         ruled = " ".join(f.strip() for f in fields)
-        if is_drawn(ruled):  # -----: also a word for no reading
+        declared = self._options.missing or ()
+        if is_drawn(ruled) and not all(f.strip() in declared for f in fields):
+            # -----: also a word for no reading
             return len(fields) < self._n or not ruled.strip("=_+| ")
         if not any(self._labels):
             words = " ".join(fields).strip(_RULED + '"').lower().split()

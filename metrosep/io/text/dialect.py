@@ -10,7 +10,7 @@ import difflib
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -549,7 +549,7 @@ def find_layout(
         if mark == point and not quoted:
             continue
         dialect = Dialect(mark, point, quoted and mark in "\t;,| ", options.thousands or "")
-        found = _fit(sample, len(head), dialect, labelled)
+        found = _fit(sample, len(head), dialect, labelled, options.missing or ())
         if found is not None:
             fits.append(found)
     if not fits:
@@ -610,7 +610,11 @@ def _is_unmeasured(line: str) -> bool:
 
 
 def _fit(
-    sample: Sequence[str], n_head: int, dialect: Dialect, labelled: bool = False
+    sample: Sequence[str],
+    n_head: int,
+    dialect: Dialect,
+    labelled: bool = False,
+    declared: Collection[object] = (),
 ) -> _Fit | None:
     """Return the rows of a sample under a dialect: the commonest number of fields makes the table."""
     with_groups = dialect if dialect.thousands else replace(dialect, thousands=dialect.other_mark)
@@ -647,7 +651,7 @@ def _fit(
     if not rows or min(rows) >= n_head:
         return None
     start = min(rows)
-    while start and len(split[start - 1]) >= n and _is_row_of_words(split[start - 1]):
+    while start and len(split[start - 1]) >= n and _is_row_of_words(split[start - 1], declared):
         start -= 1
     if all(_is_unmeasured(line) for line in sample[:start]):
         start = 0
@@ -668,10 +672,12 @@ _COUNTED = frozenset({"number", "quantity"})
 _TEXTS = ("label", "date", "quantity")
 
 
-def _is_row_of_words(fields: Sequence[str]) -> bool:
-    """Whether all fields say "not measured", one of them in letters."""
+def _is_row_of_words(fields: Sequence[str], declared: Collection[object]) -> bool:
+    """Whether all fields say "not measured", in letters or as it was declared."""
     texts = [f.strip(' "').lower() for f in fields]
-    return all(t in NO_READING for t in texts) and any(c.isalpha() for t in texts for c in t)
+    return any(t in declared or any(map(str.isalpha, t)) for t in texts) and all(
+        t in NO_READING or t in declared for t in texts
+    )
 
 
 def _shows_mark(field: str, dialect: Dialect) -> bool:

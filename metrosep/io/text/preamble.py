@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from metrosep.core.errors import FormatMismatchError
+from metrosep.core.errors import AmbiguousFormatError, FormatMismatchError
 from metrosep.core.units import Unit
 from metrosep.io.source import RawFile
 from metrosep.io.text._rows import bad_field
@@ -14,6 +14,7 @@ from metrosep.io.text.dialect import (
     Layout,
     bare_unit,
     encoding_hint,
+    fields_in_quotes,
     header_unit,
     is_drawn,
     is_number,
@@ -50,6 +51,10 @@ BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
 """How a number begins, whatever follows."""
 
 
+_UNDERLINE = 5
+"""Dashes in a row from which a line below the name of a single column is drawn: shorter ones are words."""
+
+
 class Preamble:
     """The lines above a table: units, names, a count; text above the names is a preamble."""
 
@@ -66,13 +71,20 @@ class Preamble:
         self._named_at = (0, "")
         self._waiting: list[tuple[int, str]] = []
         self.unnamed: tuple[str, ...] = ()
+        self._below_text = False  # whether the line above is names, units or other text
+        self._drawn: list[tuple[int, str]] = []  # drawn lines that may be rows without a reading
         self._lost: list[int] = []  # rows of names with units above another row of names
 
     def take(self, line: str, number: int) -> str | None:
         """Return the class of a line; None where it waits to be refused."""
-        if is_drawn(line):
+        fields = self._dialect.split([line])[0]
+        if is_drawn(" ".join(fields)):
+            if n_used(fields) >= self._n and not (self._below_text and self._is_underline(fields)):
+                self._drawn.append((number, line.strip()))
+            self._below_text = False
             return "rule"
-        fields = [f.strip() for f in self._dialect.split([line])[0]]
+        self._below_text = True
+        fields = [f.strip() for f in fields]
         listed = fields[0].rstrip(": ").casefold() in _UNIT_WORDS
         if listed:
             fields[0] = ""
@@ -128,6 +140,21 @@ class Preamble:
         self._waiting.append((number, line.strip()))
         return None
 
+    def _is_underline(self, fields: Sequence[str]) -> bool:
+        """Whether a drawn line below text cannot be a row in which nothing was measured."""
+        texts = [f.strip() for f in fields if f.strip()]
+        shortest = min(map(len, texts))
+        if self._dialect.separator == "|" or "=" in texts[0]:
+            return True  # Markdown has one below its names
+        if self._n == 1:
+            return shortest >= _UNDERLINE
+        if len(set("".join(texts))) == 1 and len(set(texts)) > 1:
+            return True  # a word for "not measured" is the same in every column
+        names = self._names or []
+        return self._dialect.separator == " " and [len(n) for n in names] == [
+            len(t) for t in texts
+        ]
+
     def _take_odd_names(self, number: int, is_empty: Sequence[bool]) -> None:
         """Take the line above a row of units as names where some are numbers, or where it is empty like the units."""
         if self._names is not None or not self._waiting or self._waiting[-1][0] != number - 1:
@@ -174,6 +201,19 @@ class Preamble:
 
         Without names the line next to the numbers may be what remains of them.
         """
+        drawn = [(n, line) for n, line in self._drawn if n > self._named_at[0]]
+        if drawn:
+            first, line = drawn[0]
+            word = (
+                line.split()[0]
+                if self._dialect.separator == " "
+                else fields_in_quotes(line, self._dialect.separator[0])[0].strip()
+            )
+            raise AmbiguousFormatError(
+                f"{self._file.path}: line {first} ({line[:40]!r}) is a drawn line, or a row in which nothing was "
+                f"measured; if it is a row, give missing={word!r}, else leave it out with "
+                f"skip_lines='{','.join(str(n) for n, _ in drawn)}'"
+            )
         odd = [
             (n, line)
             for n, line in self._waiting

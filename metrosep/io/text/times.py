@@ -418,6 +418,8 @@ class RunningClock:
         # 26.03.05, 26.03.06: where the first part stays while a date changes, it may be the year
         steps = np.diff(date, prepend=date[:, :1] if before is None else before)
         either |= is_short & ~is_swappable & steps.any(axis=0) & (steps[2] == 0)
+        # 25.12.31, 26.01.01 falls by thirty years as day and month: the first part may be the year
+        either |= is_short & ~is_swappable & ((steps[0] < 0) | (steps[0] > 1))
         is_known = entries.is_known[rows] & entries.is_time[rows] & is_date
         return [
             (~is_known, texts, "is not a date or a time of day"),
