@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -144,13 +145,14 @@ class Quantity(PublicObject):
 
     def __format__(self, spec: str) -> str:
         """Return the line, padded as a text; digits are of its float, which is in SI."""
-        try:
-            return format(str(self), spec)
-        except ValueError:
+        if not re.fullmatch(
+            r"(.?[<>^])?([1-9]\d*)?s?", spec, re.DOTALL
+        ):  # a precision cuts the unit
             raise DataError(
                 f"a quantity is written with its unit and cannot be formatted with {spec!r}; "
                 f"format its value in {self.unit}: float(q)"
-            ) from None
+            )
+        return format(str(self), spec)
 
     def __str__(self) -> str:
         text = format_engineering(self.value, self.unit)

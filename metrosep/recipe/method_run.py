@@ -23,8 +23,10 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.runset import FORWARD, REVERSE, RunSet
 from metrosep.core.surface import Surface
+from metrosep.io._roles import tells_direction
 from metrosep.io.readings import read_readings
 from metrosep.io.role_columns import Role, read_roles
+from metrosep.io.runs import columns_of
 from metrosep.io.source import open_file
 from metrosep.recipe.characteristics import DECISION_RULE, judged
 from metrosep.recipe.describe.described import describe
@@ -282,8 +284,37 @@ def _columns(
         if word not in FORWARD | REVERSE:
             raise
     data = read_roles(files, {k: v for k, v in roles.items() if k != "direction"}, **rest)
+    _require_one_way(files, rest, word, data)
     rows = np.asarray(data.values["target"]).size
     return replace(data, values={**data.values, "direction": np.full(rows, word)})
+
+
+def _require_one_way(
+    files: Sequence[Path], rest: Mapping[str, Any], word: str, data: RoleColumns
+) -> None:
+    """Refuse a direction that is said for all rows of a list which tells, or runs, the other one too."""
+    layout = {k: v for k, v in rest.items() if v is not None}
+    used = {name for names in data.columns.values() for name in names}
+    for file in files:
+        _, table, _ = columns_of(open_file(file), layout)
+        for column in table.columns:
+            if column.name in used or not tells_direction(column):
+                continue
+            if column.labels is None and len(np.unique(column.values)) < 2:
+                continue  # a count that is 1 in each row
+            ways = {str(w).strip().casefold() for w in column.labels or column.values}
+            if ways & (REVERSE if word in FORWARD else FORWARD):
+                raise DataError(
+                    f"{file.name}: column {column.name!r} tells the direction of each row, and not {word} "
+                    f"alone; name it: direction = {column.name!r}"
+                )
+    steps = np.sign(np.diff(np.asarray(data.values["target"])))
+    turned = [np.any((steps[1:] == way) & (steps[:-1] == way)) for way in (1.0, -1.0)]
+    if "cycle" not in data.values and all(turned):
+        raise DataError(
+            f"{files[0].name}: the targets rise and fall from row to row, so the list may hold both "
+            f"directions; name the column of the direction, or that of the cycle if all are {word}"
+        )
 
 
 def _results(method: type[Method], files: Sequence[Path]) -> Results:

@@ -34,6 +34,7 @@ from metrosep.report.text import (
     characteristic_rows,
     decimals_for,
     limits_text,
+    names_said,
     number,
     one_line,
     readable_unit,
@@ -74,6 +75,15 @@ def catalogue(name: str) -> Mapping[str, Any]:
     return tomllib.loads(place.read_text("utf-8"))
 
 
+_OF_ONE_SENTENCE = r"(?:(?!\. ).)+?"
+_IN_SLOT: Mapping[str, str] = dict.fromkeys(("mm", "feed", "last"), r"[\d.]+")
+"""What a place holds where it is not any part of one sentence."""
+_TYPED = ("instrument", "due", "day")
+"""Places of what a person typed."""
+_NAMED = ("name", "what", "standard", "standards")
+"""Places of names, whose points are no decimal points."""
+
+
 @cache
 def _sentences(language: str) -> list[tuple[re.Pattern[str], str]]:
     """Return the sentences of the program with what they are in a language; the one that says most comes first."""
@@ -83,7 +93,7 @@ def _sentences(language: str) -> list[tuple[re.Pattern[str], str]]:
         first = f"(?i:{parts[0][0]})" if parts[0][:1].isalpha() else ""
         words = [re.escape(p) for p in parts[::2]]
         words[0] = first + re.escape(parts[0][len(first[:1]) :])
-        names = [rf"(?P<{n}>(?:(?!\. ).)+?)" for n in parts[1::2]]  # of one sentence
+        names = [rf"(?P<{n}>{_IN_SLOT.get(n, _OF_ONE_SENTENCE)})" for n in parts[1::2]]
         said_so = "".join(a + b for a, b in zip_longest(words, names, fillvalue=""))
         made.append((sum(map(len, parts[::2])), re.compile(said_so), each[language]))
     return [(pattern, to) for _, pattern, to in sorted(made, key=lambda m: -m[0])]
@@ -96,20 +106,24 @@ def _one_said(text: str, language: str) -> str:
         found = pattern.fullmatch(bare)
         if found is None:
             continue
-        held = {k: _phrase(v, language) for k, v in found.groupdict().items()}
-        made = printed(to.format(**held), language)
+        held = {k: _phrase(k, v, language) for k, v in found.groupdict().items()}
+        made = to.format(**held)
         stop = "." if language == "de" else "。"
-        return (capital(made) if text[:1].isupper() else made) + stop * (bare != text)
+        begins = text[:1].isupper() and to[1:].partition("}")[0] not in _TYPED
+        return (capital(made) if begins else made) + stop * (bare != text)
     return text
 
 
-def _phrase(text: str, language: str) -> str:
-    """Return what stands within a sentence: a known phrase, or a list of them."""
-    whole = _one_said(text, language)
-    if whole != text:
+def _phrase(slot: str, text: str, language: str) -> str:
+    """Return what stands in a place of a sentence: a known phrase, or a list of them; a typed text as it is."""
+    whole = text if slot in _TYPED else _one_said(text, language)
+    if whole != text or slot in _TYPED:
         return whole
     comma = ", " if language == "de" else "、"
-    return comma.join(_one_said(p, language) for p in text.split(", "))
+    parts = [(p, _one_said(p, language)) for p in text.split(", ")]
+    return comma.join(
+        printed(p, language) if p == own and slot not in _NAMED else own for p, own in parts
+    )
 
 
 def said(text: str, language: str) -> str:
@@ -459,7 +473,9 @@ def _rows(document: Document, t: Mapping[str, str], language: str) -> list[dict[
     order = {"reject": 0, "inconclusive": 1, "accept": 2, None: 3}
     pairs = list(zip(entries, characteristic_rows(document), strict=True))
     pairs.sort(key=lambda p: (order[p[1].verdict], p[1].name if p[1].verdict else ""))
-    return [_row(e, r, t, bar_of(r), language) for e, r in pairs]
+    named = names_said(document, partial(said, language=language))
+    made = [_row(e, r, t, bar_of(r), language) for e, r in pairs]
+    return [{**m, "name": named(e, m["name"])} for m, (e, _) in zip(made, pairs, strict=True)]
 
 
 def _row(
@@ -480,7 +496,7 @@ def _row(
     name = row.name if row.verdict is not None else (entry.get("symbol") or row.name)
     name = name.replace("_", " ") if name == row.metric else name
     return {
-        "name": said(str(name), language),
+        "name": str(name),
         "unit": unit,
         **texts,
         "bar": bar,
@@ -540,6 +556,7 @@ def origins_of(document: Document, t: Mapping[str, str]) -> list[str]:
     """Return one sentence for each origin of U: which values, where from, k and p."""
     found: dict[str, list[str]] = {}
     comma = partial(printed, language=languages_of(document)[0])
+    named = names_said(document, partial(said, language=languages_of(document)[0]))
     entries = document.get("characteristics") or []
     for entry, row in zip(entries, characteristic_rows(document), strict=True):
         U, k = expanded_of(entry, row)
@@ -556,7 +573,7 @@ def origins_of(document: Document, t: Mapping[str, str]) -> list[str]:
             words += f", k = {comma(f'{k:.2f}')}"
             if word in ("u_fit", "u_method"):
                 words += f", {t['coverage'].format(p=comma(f'{100 * COVERAGE:.2f} %'))}"
-        found.setdefault(words, []).append(said(row.name, languages_of(document)[0]))
+        found.setdefault(words, []).append(named(entry, row.name))
     return [f"{', '.join(dict.fromkeys(names))}: {words}" for words, names in found.items()]
 
 

@@ -33,6 +33,7 @@ __all__ = [
     "document_writer",
     "length",
     "limits_text",
+    "names_said",
     "not_seen",
     "number",
     "one_line",
@@ -261,13 +262,15 @@ def one_line(text: Any) -> str:
 
 
 def capital(text: str) -> str:
-    """Return a text with a capital first letter, the others as they are.
+    """Return a text with a capital first letter, the others as they are; a symbol keeps its letter.
 
     Examples
     --------
-    >>> capital("report B-7")
-    'Report B-7'
+    >>> capital("report B-7"), capital("u from the scatter")
+    ('Report B-7', 'u from the scatter')
     """
+    if re.match(r"[b-zα-ω](?![A-Za-z'’])", text):  # U is another quantity than u
+        return text
     return text[:1].upper() + text[1:]
 
 
@@ -333,6 +336,21 @@ def _checks(document: Document) -> list[Mapping[str, Any]]:
     except (tomllib.TOMLDecodeError, RecursionError):
         return []
     return checks if isinstance(checks, list) else []
+
+
+def names_said(
+    document: Document, say: Callable[[str], str]
+) -> Callable[[Mapping[str, Any], str], str]:
+    """Return what says the name of a value in the language of a report; that of a check stays as typed."""
+    typed = {(c.get("metric"), one_line(c["name"])) for c in _checks(document) if "name" in c}
+
+    def named(entry: Mapping[str, Any], name: str) -> str:
+        is_typed = (
+            entry.get("verdict") is not None and (entry.get("metric"), one_line(name)) in typed
+        )
+        return name if is_typed else say(name)
+
+    return named
 
 
 # ---- what a report says about a named separation: method, noise, null space, audit -------------

@@ -31,6 +31,7 @@ from metrosep.report.text import (
     decimals_for,
     length,
     limits_text,
+    names_said,
     number,
     one_line,
     plan_rows,
@@ -117,7 +118,7 @@ def _sentence(text: Any) -> str:
     words = str(text or "").strip()
     if not words:
         return ""
-    return words[0].upper() + words[1:] + ("" if words[-1] in ".!?" else ".")
+    return capital(words) + ("" if words[-1] in ".!?" else ".")
 
 
 _AS_TYPED = ("run", "short", "found")
@@ -170,13 +171,14 @@ def _characteristics(document: Document, first: Mapping[str, Any]) -> list[dict[
     """Return all values as text, numbers and verdicts in the language of the report."""
     rows = characteristic_rows(document)
     entries = clean(document.get("characteristics") or [])
-    made = []
+    say = partial(said, language=first["language"])
+    named, made = names_said(document, say), []
     for entry, row in zip(entries, rows, strict=True):
         texts = {**_characteristic(entry), "guard": _guard(row)}
         for key in ("value", "u", "U", "limits", "guard"):
             texts[key] = printed(texts[key], first["language"])
-        for key in ("name", "definition"):
-            texts[key] = said(texts[key], first["language"])
+        texts["name"] = named(entry, texts["name"])
+        texts["definition"] = say(texts["definition"])
         if texts["stamp"] is not None:
             texts["stamp"] = texts["stamp"]._replace(word=first["t"][entry["verdict"]].upper())
         made.append({**texts, "bar": bar_of(row)})

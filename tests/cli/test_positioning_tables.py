@@ -718,6 +718,41 @@ def test_a_list_of_one_direction_needs_no_column(tmp_path, metrosep, word, way):
     assert np.ptp(left) < LEFT < np.ptp(at)
 
 
+@pytest.mark.parametrize("word", ["forward", "reverse"])
+def test_one_direction_is_not_said_for_a_list_that_holds_both(tmp_path, metrosep, word):
+    both = laser_file(tmp_path / "both.csv", trims(None), seed=5, cycles=2)
+    call = [
+        "--target",
+        "target_mm",
+        "--readings",
+        "deviation_um",
+        "--axis",
+        "X",
+        "--compensates",
+        "X",
+    ]
+    call += [*SENSE, "--direction", word, "--reference-direction", word, "--reference", "0 mm"]
+    comp = tmp_path / "x.comp"
+    code, _, told = metrosep("table", both, *call, "-o", comp)
+    assert code != 0
+    assert "column 'way' tells the direction of each row" in told
+    rows = [line.split(";") for line in both.read_text().splitlines()]
+    mute = tmp_path / "mute.csv"
+    mute.write_text("".join(f"{t};{z}\n" for _, _, t, z in rows))
+    code, _, told = metrosep("table", mute, *call, "-o", comp)
+    assert code != 0
+    assert "may hold both directions" in told
+    assert not comp.exists()
+    # a column that agrees, and a cycle that is 1 in each row, are no reason to refuse
+    way = "up" if word == "forward" else "down"
+    one = tmp_path / "one.csv"
+    one.write_text("".join(f"1;{';'.join(r[1:])}\n" for r in rows if r[0] == "2" and r[1] == way))
+    one.write_text("cycle;way;target_mm;deviation_um\n" + one.read_text())
+    code, _, told = metrosep("table", one, *call, "-o", comp)
+    assert "tells the direction" not in told
+    assert "may hold both" not in told
+
+
 def test_a_list_without_any_name_is_answered_with_its_columns(tmp_path, metrosep):
     file = laser_file(tmp_path / "a.csv", trims(None), seed=3)
     code, _, told = metrosep("table", file, "-o", tmp_path / "x.comp")

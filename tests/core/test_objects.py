@@ -157,6 +157,16 @@ def test_quantity_prints_value_unit_and_uncertainty():
         ms.Quantity(1.0, "m", "x", u=-1.0)
 
 
+@pytest.mark.parametrize("spec", [".3", ".3s", "12.3", ".<9.2", ".3f", "=9", "09"])
+def test_digits_of_a_quantity_are_refused_and_its_unit_is_never_cut(spec):
+    length = Quantity(2e-3, "m", "length")
+    with pytest.raises(DataError, match=r"cannot be formatted.*float\(q\)"):
+        format(length, spec)
+    assert (f"{length}", f"{length:>6}", f"{length:.<6}", f"{length:s}") == (
+        "2 mm", "  2 mm", "2 mm..", "2 mm",
+    )  # fmt: skip
+
+
 def test_one_tree_of_errors():
     assert issubclass(InvalidSamplesError, ValueError)
     assert issubclass(CorruptFileError, MetrosepError)

@@ -81,6 +81,10 @@ REFUSED = {
     "minute 75": (["12:15:58", "12:75:58"], "line 3: .*not a time of day"),
     "second 73": (["12:15:58", "12:15:73"], "line 3: .*not a time of day"),
     "13 PM": (["2025-03-01 12:59:59 PM", "2025-03-01 13:00:00 PM"], "line 3: .*not a time of day"),
+    "69 is 1969, 68 is 2068": (
+        ["31.12.68 23:59:59", "01.01.69 00:00:00"],
+        "line 3: .*falls back by 3.15576e\\+09 s",
+    ),
     "no month": (["29 May 2025 12:00:00", "30 Mayonnaise 2025 12:00:00"], "line 3: no order"),
 }
 

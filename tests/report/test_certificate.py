@@ -30,6 +30,8 @@ from metrosep.recipe.report_fields import (
 from metrosep.report import render_html
 from metrosep.report.certificate import catalogue, quoted, rounded_pair, said
 from metrosep.report.issuing import Register
+from metrosep.report.text import capital
+from metrosep.report.view import view
 
 PROBABILITY = 5e-7
 """Half of the last digit of the values that were computed elsewhere."""
@@ -395,6 +397,142 @@ def test_a_sentence_keeps_every_number_and_the_order_of_limits(language):
     assert "Gaps" not in both
     assert "Strange." in both
     assert said("Drawn up to 60", "en") == "Drawn up to 60"
+
+
+@pytest.mark.parametrize("language", FOREIGN)
+def test_what_a_person_typed_is_printed_as_typed(part, language):
+    text = REPORT.replace("[report]\n", f'[report]\nlanguage = "{language}"\n', 1)
+    text = text.replace('"Interferometer"', '"filter, FX-3.2"').replace("2026-06-01", "2026-03-03")
+    steps = STEPS.replace('metric = "Sq"', 'metric = "Sq"\nname = "Filter 0.8"')
+    two = '[[check]]\nmetric = "Sz"\nname = "form"\nupper = "1 um"\nU = "2 nm"\n'
+    made = Recipe.parse(steps + two + text, folder=part.parent).run(part).document
+    shown = words(render_html(made))
+    assert shown.count("filter, FX-3.2") >= 2  # among the instruments and in the warning
+    page = view(made)
+    for rows in (page["c"]["rows"], page["characteristics"]):
+        assert {"Filter 0.8", "form"} <= {r["name"] for r in rows}
+    assert any(o.startswith("Filter 0.8: ") for o in page["c"]["origins"])
+    assert said("form", language) != "form"  # as a step it is the program's
+    typed = "The calibration of probe 12.345 was due on 05.01.2026, before the measurement on 06.01.2026."
+    for kept in ("probe 12.345", "05.01.2026", "06.01.2026"):
+        assert kept in quoted(typed, language)
+
+
+@pytest.mark.parametrize("language", FOREIGN)
+def test_a_standard_uncertainty_is_never_called_U(language):
+    english = (
+        "u from the correlation of the residual (5.2 steps, about 12 independent cells), 10 degrees of "
+        "freedom, k = 2.28 for 95.45 %; scale, reference and repeatability are not in it."
+    )
+    assert capital(english) == english
+    for own in (
+        said(english, language),
+        said(f"U{english[1:]}", language),
+    ):  # of an older result too
+        assert own.startswith("u")
+        assert "U" not in own.replace("Unsicherheit", "")
+    assert [capital(s) for s in ("a map", "x: 3", "σ of", "uneven")] == [
+        "A map",
+        "x: 3",
+        "σ of",
+        "Uneven",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("language", "pairs", "runs"),
+    [
+        (
+            "de",
+            ["9,9 mm bei 7200 mm/min", "6,6 mm bei 4800 mm/min"],
+            "2400, 9600 und 12000 mm/min",
+        ),
+        ("zh", ["7200 mm/min 时 9.9 mm", "4800 mm/min 时 6.6 mm"], "2400、9600 和 12000 mm/min"),
+        ("ja", ["7200 mm/min で 9.9 mm", "4800 mm/min で 6.6 mm"], "2400、9600 及び 12000 mm/min"),
+    ],
+)
+def test_each_wavelength_of_a_disturbance_keeps_its_feed(language, pairs, runs):
+    by_hand = [7200 / 60 / 12.1, 4800 / 60 / 12.1]  # mm: feed per period
+    sentence = (
+        f"12.1 Hz disturbance maps onto {by_hand[0]:.1f} mm at 7200 mm/min, {by_hand[1]:.1f} mm at "
+        "4800 mm/min; the runs at 2400, 9600 and 12000 mm/min tell it from the geometry."
+    )
+    own = said(sentence, language)
+    assert re.split(" at | and ", own) == [own]
+    for text in (*pairs, runs):
+        assert text in own
+    one = said("12.1 Hz disturbance maps onto 9.9 mm at 7200 mm/min; the runs at 4800 and 9600 mm/min tell it from the geometry", language)  # fmt: skip
+    assert pairs[0] in one
+    # a place for digits takes no words
+    assert said("The gap of 3 mm at 7200 mm/min", language) == "The gap of 3 mm at 7200 mm/min"
+
+
+DIRECTED = {  # English: what stands for it in de, zh, ja, in this order
+    "actual − nominal": ("Ist − Soll", "实际 − 名义|实际 − 标称", "実際 − 名目|実際 − 呼び"),
+    "reached − target": ("erreicht − Ziel", "实际 − 目标", "到達 − 目標"),
+    "c = −e": ("c = −e", "c = −e", "c = −e"),
+    "forward - backward": ("vorwärts − rückwärts", "正向 − 反向", "正方向 − 負方向"),
+    "mean forward": ("Mittel vorwärts", "正向平均值", "正方向の平均"),
+    "mean backward": ("Mittel rückwärts", "反向平均值", "負方向の平均"),
+    "forward": ("vorwärts", "正向", "正方向"),
+    "reverse": ("rückwärts", "反向", "逆方向|負方向"),
+    "backward": ("rückwärts", "反向", "負方向"),
+    "before the table": ("vor der Tabelle", "使用补偿表前", "補正前"),
+    "after the table": ("nach der Tabelle", "使用补偿表后", "補正後"),
+    "{below} pixels below": ("{below} Bildpunkte unter", "低于色标 {below}", "目盛より下 {below}"),
+    "{above} above the range": (
+        "{above} über",
+        "高于范围 {above}",
+        "範囲より上 {above}|上 {above}",
+    ),
+    "{below} below": ("{below} unter", "低于范围 {below}", "下 {below}"),
+    "{low} to {high}": ("{low} bis {high}", "{low} 至 {high}", "{low} ～ {high}"),
+    "{before} -> {after}": ("{before} -> {after}",) * 3,
+    "inside the limit": ("innerhalb", "在限值内", "限界内"),
+    "outside the limit": ("außerhalb", "超出限值", "限界外"),
+    "share above": ("darüber", "高于", "上の割合"),
+    "heights above": ("darüber", "高于", "上の割合"),
+}
+WORDS = {  # whole texts of the catalogue
+    "accept": ("angenommen", "合格", "合格"),
+    "reject": ("zurückgewiesen", "不合格", "不合格"),
+    "conditional_pass": ("bedingt bestanden", "有条件合格", "条件付き合格"),
+    "conditional_fail": ("bedingt nicht bestanden", "有条件不合格", "条件付き不合格"),
+    "before": ("vorher", "补偿前", "補正前"),
+    "after": ("nachher", "补偿后", "補正後"),
+    "on": ("ein", "开", "有効"),
+    "off": ("aus", "关", "無効"),
+    "reversed_sign": ("mit falschem Vorzeichen", "符号相反", "符号を逆"),
+    "sign_note": ("zum Sollwert addiert", "加到指令上", "指令に加え"),
+    "means_accept": ("liegen innerhalb", "均符合", "適合しています"),
+    "means_reject": ("liegt außerhalb", "超出限值", "外れています"),
+}
+
+
+@pytest.mark.parametrize("language", FOREIGN)
+def test_signs_and_directions_are_those_of_the_english_text(language):
+    """By a table made by hand: an opposite translation has every place and no English."""
+    at = ["de", "zh", "ja"].index(language)
+    fixed, english = catalogue(language), catalogue("en")
+    texts = [(e["en"], e[language]) for e in catalogue("sentences")["say"]]
+    texts += [(english[k], fixed[k]) for k in english]
+    texts += list(catalogue("pictures")[language].items())
+    for phrase, own in DIRECTED.items():
+        found = [
+            (en, to) for en, to in texts
+            if re.search(rf"(?<![\w{{]){re.escape(phrase)}(?![\w}}])", en)
+        ]  # fmt: skip
+        assert found, phrase
+        for en, to in found:
+            assert any(word in to for word in own[at].split("|")), (en, to)
+            if (
+                phrase in ("forward", "reverse", "backward")
+                and len(re.findall("forward|reverse|backward", en)) == 1
+            ):
+                against = DIRECTED["reverse" if phrase == "forward" else "forward"][at].split("|")
+                assert not any(word in to for word in against), (en, to)
+    for key, own in WORDS.items():
+        assert fixed[key].startswith(own[at]) or own[at] in fixed[key][1:], (key, fixed[key])
 
 
 def test_pictures_without_a_font_stay_english_and_the_page_says_so(part, monkeypatch):

@@ -542,7 +542,8 @@ def _collision_sentence(
     clean = [v for v in feeds if v not in hit]
     sentence = f"{frequency:.1f} Hz disturbance maps onto {maps}"
     if len(clean) >= 2:
-        others = " and ".join(f"{v * _MM_PER_MIN:.0f}" for v in clean)
+        *most, last = (f"{v * _MM_PER_MIN:.0f}" for v in clean)
+        others = f"{', '.join(most)} and {last}"
         return f"{sentence}; the runs at {others} mm/min tell it from the geometry"
     better = _better_feed(frequency, feeds, waves, travel)
     if better is None:
