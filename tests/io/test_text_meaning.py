@@ -12,6 +12,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.cli.main import main
+from metrosep.core.errors import UnitError
 from metrosep.io.check import check_file
 from metrosep.io.stream import open_stream
 
@@ -653,3 +654,19 @@ def test_units_under_their_columns_count_one_by_one(put):
     assert profile.x[-1] == pytest.approx(0.5e-3, rel=1e-15)
     with pytest.raises(ms.errors.FormatMismatchError, match="in nm by its name, but in um"):
         ms.read(put("Units,mm,µm\n" + rows.replace("Run 1", "Run 1 (nm)")), x="Target", z="Run 1")
+
+
+def test_degrees_of_a_temperature_are_no_angle_and_seconds_of_an_angle_no_clock(tmp_path):
+    """Grad and Sekunden stand for two units each; the name of the column tells which is not meant."""
+    file = tmp_path / "t.csv"
+    rows = "".join(f"{0.1 * i:.1f};{i % 7};{20 + 0.01 * i:.2f}\n" for i in range(30))
+    file.write_text("Zeit_s;Weg_um;Temperatur [Grad]\n" + rows, encoding="utf-8")
+    read = ms.read(file)
+    assert read.channels["Temperatur [Grad]"][0] == 20.0
+    assert "rad" not in read.units.values()
+    file.write_text(
+        "Position [mm];Winkel [Sekunden]\n" + "".join(f"{i};{2 * i + i % 3}\n" for i in range(30)),
+        encoding="utf-8",
+    )
+    with pytest.raises(UnitError, match="Sekunden"):
+        ms.read(file)

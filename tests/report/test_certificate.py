@@ -419,7 +419,7 @@ def test_what_a_person_typed_is_printed_as_typed(part, language):
 
 
 @pytest.mark.parametrize("language", FOREIGN)
-def test_a_standard_uncertainty_is_never_called_U(language):
+def test_a_standard_uncertainty_keeps_its_small_letter(language):
     english = (
         "u from the correlation of the residual (5.2 steps, about 12 independent cells), 10 degrees of "
         "freedom, k = 2.28 for 95.45 %; scale, reference and repeatability are not in it."

@@ -24,6 +24,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit, column_unit, parse_unit
+from metrosep.io.text.encoding import ROLE_WORDS, Role
 from metrosep.io.text.times import is_moment
 
 __all__ = [
@@ -385,7 +386,7 @@ def header_unit(header: str) -> tuple[str, Unit | None]:
     text = _OTHER_BRACKETS.sub(r"[\1]", header.translate(_FULL_WIDTH).strip())
     name, unit = column_unit(text)
     if unit is not None:
-        return name, unit
+        return (text, None) if _is_of_another(name, unit) else (name, unit)
     if bare_unit(text) is not None:
         return text, None
     for pattern in (_IN, _SLASH, _COMMA, _SPACED):
@@ -395,6 +396,21 @@ def header_unit(header: str) -> tuple[str, Unit | None]:
             if unit is not None and unit.dimension != "number":
                 return match.group(1).strip(" _"), unit
     return text, None
+
+
+_MEANT: Final[dict[str, Role]] = {"angle": "temperature", "time": "angle"}
+"""Words for degrees and seconds stand for two units each: beside a name of this role they mean the other."""
+
+
+def _is_of_another(name: str, unit: Unit) -> bool:
+    """Return whether a name tells that a unit is meant otherwise: Temperatur [Grad], Winkel [Sekunden]."""
+    role = _MEANT.get(unit.dimension)
+    words = {w for w in re.split(r"[\s_.\-]+", name.casefold()) if len(w) > 1}
+    return (
+        role is not None
+        and not words.isdisjoint(ROLE_WORDS[role].split())
+        and (unit.dimension != "time" or words.isdisjoint(ROLE_WORDS["time"].split()))
+    )
 
 
 _NO_NAMES = frozenset({"=", ":=", ":", "[", "{", "(", "|"})
