@@ -12,9 +12,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from metrosep.app.documents import Edit, RecipeDocument
-from metrosep.core.errors import MetrosepError, RecipeError
+from metrosep.core.errors import DataError, MetrosepError, RecipeError
+from metrosep.core.numbers import positive
+from metrosep.core.units import format_length
 
-__all__ = ["mends_of_edit", "mends_of_refusal", "mends_of_step", "mends_of_table"]
+__all__ = ["mends_of_edit", "mends_of_refusal", "mends_of_step", "mends_of_table", "scale"]
 
 _KEY = re.compile(
     r'(?<![\w.\-"])([a-z_]\w*) = ("[^"]*"|\[[^\[\]]*\]|true|false|-?\d[\d.]*)(?: (in \[input\]))?'
@@ -60,10 +62,11 @@ def mends_of_refusal(document: RecipeDocument, error: MetrosepError) -> list[dic
             *(m for m in _named(error, ["step", k])),
         ]
     else:
-        line = error.line if isinstance(error, RecipeError) else None
-        k = "\n".join(document.text.splitlines()[: line or 0]).count("[[check]]") - 1
-        removed = {"path": ["check", k], "new": None}
-        found = [] if k < 0 else [{"label": "Remove this limit", "edits": [removed], "ask": None}]
+        table = error.table if isinstance(error, RecipeError) else None
+        found = []
+        if table is not None and table[0] == "[[check]]":
+            removed = {"path": ["check", table[1]], "new": None}
+            found = [{"label": "Remove this limit", "edits": [removed], "ask": None}]
     return _with_old(document, [m for m in found if _works(document, m["edits"])])
 
 
@@ -94,6 +97,23 @@ def mends_of_edit(
             if not mend["ask"] and _works(document, whole["edits"]):
                 found.append(whole)
     return _with_old(document, found[:_MOST])
+
+
+def scale(
+    _session: Any, message: Mapping[str, Any], *_: Any
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Answer a request ``scale``: the size of a pixel, as typed or of a known length over some px."""
+    step, known = (str(message.get(k) or "").strip() for k in ("step", "known"))
+    if bool(step) == bool(known):
+        raise DataError(
+            "give either the size of a pixel or the length of the section, one of the two"
+        )
+    if step:
+        positive(step, "size of a pixel", dimension="length")
+        return {"lateral_step": step}, {}
+    length = positive(known, "length of the section", dimension="length")
+    pixels = positive(message.get("px"), "length of the section in px")
+    return {"lateral_step": format_length(length / pixels, digits=9)}, {}
 
 
 def _places(document: RecipeDocument, edits: Sequence[Edit]) -> Iterator[list[str | int]]:

@@ -414,6 +414,7 @@ _ELSEWHERE = {
     "list": "browsing:listing",
     "thumbnail": "browsing:thumbnail",
     "latest": "browsing:latest",
+    "scale": "mends:scale",
 }
 """Functions ``f(session, message, cancel, tell)`` in modules of their own, loaded when asked."""
 

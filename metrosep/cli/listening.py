@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 
 import click
 
@@ -62,25 +68,60 @@ def listen(
     LinuxCNC's halsampler. 'metrosep ui FILE' shows the file as it grows ("follow this file").
     """
     from metrosep.core.numbers import positive
-    from metrosep.io.live import LineTable, Question, open_line, record
+    from metrosep.io.live import LineTable, Question, joins_midway, open_line, record
 
     pause = positive(every, "--every", dimension="time")
     end = None if seconds is None else positive(seconds, "--for", dimension="time")
-    table = LineTable([n.strip() for n in columns.split(",")], source, form)
     question = None if ask is None else Question(ask, positive(pace, "--pace", dimension="time"))
+    names = [n.strip() for n in columns.split(",")]
+    table = LineTable(names, source, form, joins_midway(source, question))
     file = Path(out)
     with open_line(source, question) as chunks:
         say(f"{source}: recording to {file.name}; Ctrl-C ends it")
-        try:
-            record(chunks, table, file, every=pause, seconds=end)
-        except KeyboardInterrupt:
-            say("ended by hand")
+        with _until_signalled() as is_ended:
+            try:
+                record(chunks, table, file, every=pause, seconds=end, is_ended=is_ended)
+            except KeyboardInterrupt:
+                say("ended by hand")
+            else:
+                if is_ended():
+                    say("ended by hand")
+    if table.cut:
+        say(
+            f"the first line may have begun before the recording and was not kept: {ascii(table.cut[:40])[1:]}"
+        )
     left = ", an unfinished last line was not kept" if table.is_unfinished else ""
     say(f"{file.name}: {table.n_rows} readings{left}")
-    if not table.n_rows:
+    if not table.n_rows and not table.cut:
         say(
             "nothing came: does the gauge send only when it is asked (--ask)?"
             if ask is None
             else "nothing came: does the gauge know this question, with this line end?"
         )
     return 0
+
+
+@contextmanager
+def _until_signalled() -> Iterator[Callable[[], bool]]:
+    """Tell whether Ctrl-C was pressed, or the system or a closed terminal ends the program.
+
+    A write is not torn by it. The second time ends what hangs. What was ignored (``nohup``) stays so.
+    """
+    came: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if came or os.name == "nt":  # a read waits there for ever
+            raise KeyboardInterrupt
+        came.append(number)
+
+    is_main = threading.current_thread() is threading.main_thread()
+    known = [getattr(signal, n, None) for n in ("SIGINT", "SIGTERM", "SIGHUP") if is_main]
+    before = {s: signal.getsignal(s) for s in known if s is not None}
+    kept = {s: old for s, old in before.items() if old not in (signal.SIG_IGN, None)}
+    try:
+        for number in kept:
+            signal.signal(number, note)
+        yield lambda: bool(came)
+    finally:
+        for number, old in kept.items():
+            signal.signal(number, old)

@@ -146,15 +146,18 @@ def _hold_runs(files: tuple[str, ...], options: dict[str, Any]) -> bool:
     """Whether files are tables of runs whose columns need no names: no results, maps or lists."""
     from metrosep.cli.named import tells_runs
     from metrosep.core.errors import MetrosepError
+    from metrosep.core.text_options import TEXT_OPTIONS
+    from metrosep.io.runs import names_of_columns
 
     if any(Path(f).is_dir() or Path(f).suffix == ".json" or is_list(f, options) for f in files):
         return False
-    if not (options.get("x") or options.get("z")) and any(
-        "target" in columns_of(f).casefold() for f in files
-    ):
-        return False  # of a list, whose rows are cycles and no runs
+    layout = {k: options[k] for k in TEXT_OPTIONS if options.get(k) is not None}
     try:
-        return tells_runs(options, files)
+        return tells_runs(options, files) and not any(  # the rows of a list are cycles and no runs
+            re.search(r"(?<![^\W_])targets?(?![^\W_])", name, re.IGNORECASE)
+            for f in files
+            for name in names_of_columns(f, layout)
+        )
     except (MetrosepError, OSError):  # said where it is read
         return False
 

@@ -354,11 +354,21 @@ class RecipeError(MetrosepError):
         The key in the recipe.
     line : int, optional
         Its line, from 1.
+    table : (str, int), optional
+        Header of the table that is wrong, such as ``[[check]]``, and its number among those, from 0.
     """
 
-    def __init__(self, message: str, *, key: str | None = None, line: int | None = None) -> None:
+    def __init__(
+        self,
+        message: str,
+        *,
+        key: str | None = None,
+        line: int | None = None,
+        table: tuple[str, int] | None = None,
+    ) -> None:
         self.key = key
         self.line = line
+        self.table = table
         super().__init__(message)
 
 

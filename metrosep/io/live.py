@@ -1,8 +1,8 @@
 """Lines of a gauge as they come, into a table that grows: from TCP, a serial port, or a program.
 
 What comes down a line is not trusted: it is text of numbers or it ends the recording with one
-sentence. The table holds the digits as they were sent, whole rows only, and at every moment it is a
-file that metrosep reads.
+sentence. The table holds the digits as they were sent, whole rows only; its names stand there at
+once, the first row as it comes, and what follows some seconds' worth at a time.
 """
 
 from __future__ import annotations
@@ -20,13 +20,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from metrosep.core.errors import DataError, ReadError, WriteError
+from metrosep.core.units import SURROUNDINGS, column_unit, surrounding_header
 
-__all__ = ["LineTable", "Question", "open_line", "record"]
+__all__ = ["LineTable", "Question", "joins_midway", "open_line", "record"]
 
 LONGEST = 4096
 """Bytes of a line: what has no line end by then is no text."""
 MOST_ROWS = 20_000_000
-_SPLIT = re.compile(r"[;,\t ]+")
+_MARKS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
+"""What parts the numbers of a line: the first of these that stands there."""
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?|[nN][aA][nN]")
 _NAME = re.compile(r"[A-Za-z]\w{0,62}_[A-Za-z]\w*")
 _LOST = "overrun"
@@ -72,6 +75,8 @@ class LineTable:
     names: Sequence[str]  # of columns, each with its unit: x_mm
     source: str = "line"  # for messages
     form: str | None = None  # of a line, {} for each number: "01A{}"
+    is_midway: bool = False  # the first line may have begun before: it is not kept
+    cut: bytes = b""  # what was not kept of it
     n_lines: int = 0  # that came
     n_rows: int = 0  # that are numbers
     _rest: bytes = field(default=b"", repr=False)
@@ -82,7 +87,14 @@ class LineTable:
             raise DataError(
                 f"columns are names with their units, such as x_mm,z_um, each once; got {bad or list(self.names)!r}"
             )
-
+        bare = next((n for n in self.names if not _has_unit(n)), None)
+        if bare is not None:
+            raise DataError(
+                f"column {bare}: {bare.rpartition('_')[2]!r} at its end is not a unit of a column; end "
+                "the name with one, such as z_um or t_s"
+            )
+        self._mark: str | None = None
+        self._is_settled = False
         self._form: re.Pattern[str] | None = None
         if self.form is not None:
             words = [re.escape(w) for w in self.form.split("{}")]
@@ -101,7 +113,9 @@ class LineTable:
         *lines, self._rest = re.split(rb"\r\n|\n|\r(?!\Z)", self._rest + chunk)
         for line in lines:
             self.n_lines += 1
-            if line.strip():
+            if self.is_midway:
+                self.is_midway, self.cut = False, line.strip()
+            elif line.strip():
                 yield self._row(line)
         if len(self._rest) > LONGEST:
             self.n_lines += 1
@@ -135,13 +149,18 @@ class LineTable:
             raise self._error(
                 "the sampler lost samples here (overrun): sample more slowly, or fewer pins"
             )
-        parts = _SPLIT.split(text)
-        if self._form is not None:
+        if self._form is None:
+            parts = self._parts(text)
+        else:
             found = self._form.fullmatch(re.sub(r"[ \t]+", " ", text))
             if found is None:
                 raise self._error(f"{text[:40]!r} is not of the form {self.form!r}")
             parts = [p.replace(" ", "") for p in found.groups()]
         wrong = next((p for p in parts if not _NUMBER.fullmatch(p)), None)
+        if wrong == "":
+            raise self._error(
+                f"{text[:40]!r} lacks a number between two {_MARKS[self._mark or ',']}, or at an end"
+            )
         if wrong is not None:
             raise self._error(f"{wrong[:40]!r} is not a number with a decimal point")
         if len(parts) != len(self.names):
@@ -156,6 +175,23 @@ class LineTable:
         self.n_rows += 1
         return ",".join(parts)
 
+    def _parts(self, text: str) -> list[str]:
+        """Return the fields of a line, parted as those of the lines before."""
+        mark = next((m for m in _MARKS if m in text), None)
+        if mark is None:
+            return [text]
+        if mark != (self._mark or mark):
+            raise self._error(
+                f"has {_MARKS[mark]} between its numbers, and the lines before have {_MARKS[self._mark or mark]}"
+            )
+        if mark == "," and not self._is_settled and _DECIMAL_COMMA.fullmatch(text):
+            raise self._error(
+                f"{text[:40]!r} may be one number with a decimal comma, or two; set the gauge to send "
+                "decimal points, or say that they are two with --line '{},{}'"
+            )
+        self._mark, self._is_settled = mark, True
+        return text.split() if mark == " " else [p.strip() for p in text.split(mark)]
+
     def _error(self, words: str) -> DataError:
         return DataError(f"{self.source}: line {self.n_lines}: {words}")
 
@@ -168,8 +204,9 @@ def record(
     every: float = 3.0,
     seconds: float | None = None,
     tell: Callable[[int], None] = lambda n: None,
+    is_ended: Callable[[], bool] = lambda: False,
 ) -> int:
-    """Write rows to a new file, some seconds' worth at a time, until the line ends; return how many.
+    """Write rows to a new file, some seconds' worth at a time, until the line ends or we do; return how many.
 
     What came before an error is in the file.
     """
@@ -177,7 +214,7 @@ def record(
         with file.open("x", encoding="ascii", newline="\n") as out:
             out.write(",".join(table.names) + "\n")
             out.flush()
-            begin = last = time.monotonic()
+            begin, last = time.monotonic(), -math.inf
             waiting: list[str] = []
 
             def keep() -> None:
@@ -188,17 +225,19 @@ def record(
                     tell(table.n_rows)
 
             try:
-                while (chunk := chunks()) is not None:
+                while not is_ended() and (chunk := chunks()) is not None:
                     for row in table.feed(chunk):  # what comes before an error is kept
                         waiting.append(row)  # noqa: PERF402
                     now = time.monotonic()
-                    if now - last >= every:
+                    if waiting and now - last >= every:
                         keep()
                         last = now
                     if seconds is not None and now - begin >= seconds:
                         break
-                else:
-                    waiting.extend(table.finish())
+                waiting.extend(table.finish())
+            except KeyboardInterrupt:
+                waiting.extend(table.finish())
+                raise
             finally:
                 keep()
     except FileExistsError:
@@ -208,6 +247,21 @@ def record(
             raise
         raise WriteError(f"{file}: cannot be written ({exc.strerror or exc})", exc) from None
     return table.n_rows
+
+
+def _has_unit(name: str) -> bool:
+    """Whether the name of a column ends in a unit: of a length, a time, ... or of air and parts."""
+    return column_unit(name)[1] is not None or any(
+        surrounding_header(name, d) is not None for d in SURROUNDINGS
+    )
+
+
+def joins_midway(source: str, question: Question | None) -> bool:
+    """Whether a source may be within a line when it is opened: one that sends without being asked.
+
+    A serial port may hold what was sent before, also of an answer.
+    """
+    return source.startswith("serial:") or (source.startswith("tcp:") and question is None)
 
 
 @contextmanager

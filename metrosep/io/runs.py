@@ -62,6 +62,7 @@ __all__ = [
     "FeedSpec",
     "are_over_an_angle",
     "columns_of",
+    "names_of_columns",
     "read_runs",
     "runs_of",
     "told_columns",
@@ -221,6 +222,11 @@ def told_columns(
     The next `read_runs` of a file that is not too long takes what was read here.
     """
     return _told_specs(*_looked_at(path, given), given, angles=angles)
+
+
+def names_of_columns(path: str | os.PathLike[str], given: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of the columns of a file; the next `read_runs` takes what was read here."""
+    return tuple(_looked_at(path, given)[1].names)
 
 
 def are_over_an_angle(path: str | os.PathLike[str], given: Mapping[str, Any]) -> bool:

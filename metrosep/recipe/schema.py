@@ -113,7 +113,8 @@ class Place:
         """
         line = self.line_of(key)
         where = self.file if line is None else f"{self.file}:{line}"
-        return RecipeError(f"{where}: {problem}", key=key, line=line)
+        table = (self.header, self.number)
+        return RecipeError(f"{where}: {problem}", key=key, line=line, table=table)
 
 
 Field = Option

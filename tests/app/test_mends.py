@@ -101,6 +101,51 @@ def test_the_page_judges_nothing_that_metrosep_run_refuses_and_offers_the_way_ou
     assert answers.session.state()["checks"] == [CHECK]
 
 
+@pytest.mark.parametrize(
+    "before",
+    [
+        '[[ check ]]\nmetric = "Sq"\nupper = "1 um"\nU = "1 nm"\n[[check]]\n',
+        '# no [[check]] of Rq\n[[check]]\nmetric = "Sq"\nupper = "1 um"\nU = "1 nm"\n[[check]]\n',
+        '[[check]]\nmetric = "Sq"\nupper = "1 um"\nU = "1 nm"\n# [[check]]\n[[ check ]]\n',
+    ],
+)
+def test_the_limit_that_is_removed_is_the_refused_one_however_its_header_is_written(
+    tmp_path, before
+):
+    y, x = np.mgrid[0:40, 0:50]
+    ms.write(ms.Surface(20e-9 * np.cos(x / 3.0) + 1e-9 * y, 3e-6, 3e-6), tmp_path / "part.h5")
+    head = 'metrosep = 1\n[input]\nfiles = ["part.h5"]\n[[step]]\nop = "parameters"\n'
+    faulty = 'metric = "Rq"\nupper = "2 um"\nU = "1 nm"\n'
+    (tmp_path / "r.toml").write_text(head + before + faulty)
+    answers = Answers(Session(Places([tmp_path])))
+    answers.answer({"k": "open", "path": "r.toml"})
+    (remove,) = full(answers)["mends"]
+    assert (remove["label"], remove["edits"][0]["path"]) == ("Remove this limit", ["check", 1])
+    press(answers, remove)
+    assert answers.session.state()["checks"] == [CHECK]
+    assert full(answers)["verdict"] == "accept"
+
+
+@pytest.mark.parametrize(
+    ("typed", "step_m"),
+    [("1e-3 m", 5e-6), ("2e3 um", 1e-5), ("+2 mm", 1e-5), ("0.5 mm", 2.5e-6), ("2", None),
+     ("-2 mm", None), ("2 mm 3", None), ("2 s", None), ("nan mm", None)],
+)  # fmt: skip
+def test_a_known_length_is_read_as_everywhere_and_never_taken_for_a_pixel(tmp_path, typed, step_m):
+    answers = opened(tmp_path)
+    if step_m is None:
+        for given in ({"known": typed}, {"step": typed}):
+            with pytest.raises(MetrosepError):
+                answers.answer({"k": "scale", "px": 200.0, **given})
+        return
+    step = answers.answer({"k": "scale", "known": typed, "px": 200.0})[0]["lateral_step"]
+    answers.answer({"k": "edit", "path": ["input", "lateral_step"], "old": None, "new": step})
+    picture, _ = answers.answer({"k": "map"})
+    assert picture["extent"][2] == pytest.approx(89.5 * step_m)
+    with pytest.raises(MetrosepError, match="one of the two"):
+        answers.answer({"k": "scale", "px": 200.0, "known": typed, "step": "1 um"})
+
+
 def test_a_button_of_a_refused_edit_makes_the_edit_with_what_it_lacked(tmp_path):
     session = opened(tmp_path, 3e-6).session
     _, document = session.need()

@@ -1,7 +1,10 @@
 """A gauge that sends lines by TCP or a serial port: what it sent stands in the file, digit for digit."""
 
 import os
+import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 
@@ -75,7 +78,7 @@ def test_the_file_is_whole_rows_while_it_grows(tmp_path):
         (b"2,1e999\n", "line 2: holds a number beyond"),
         (b"2,inf\n", "line 2: 'inf' is not a number"),
         (b"overrun\n", "line 2: the sampler lost samples here"),
-        (b"=cmd|' /C calc'!A0,1\n", "line 2: \"=cmd|'\" is not a number"),
+        (b"=cmd|' /C calc'!A0,1\n", "line 2: \"=cmd|' /C calc'!A0\" is not a number"),
         (b"9" * (LONGEST + 1), "line 2: more than 4096 bytes came without a line end"),
         (b"9" * 9000 + b"\n", "line 2: more than 4096 bytes came without a line end"),
     ],
@@ -105,6 +108,10 @@ def test_places_that_are_no_line(tmp_path):
     assert (tmp_path / "there.csv").read_text() == "mine"
     with pytest.raises(DataError, match="with their units"):
         LineTable(["x", "z_um"])
+    for name in ("z_foo", "z_min", "zone_um_x"):
+        with pytest.raises(DataError, match=f"column {name}: .* not a unit"):
+            LineTable(["x_mm", name])
+    LineTable(["t_s", "T_degC", "p_hPa", "f_mm_min"])
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="this system has no pseudo terminals")
@@ -120,7 +127,93 @@ def test_a_serial_port(tmp_path):
     os.close(ours)
     os.close(theirs)
     lines = (tmp_path / "run.csv").read_text().splitlines()
-    assert lines == ["t_s,z_um", "0.0,-1.25", "0.1,2.5"]  # the last CR may be half of CR LF
+    assert lines == ["t_s,z_um", "0.0,-1.25", "0.1,2.5", "0.2,7"]
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="this system has no pseudo terminals")
+def test_the_tail_of_a_line_at_the_join_is_no_reading(tmp_path):
+    ours, theirs = os.openpty()
+    listen = listening(f"serial:{os.ttyname(theirs)}:9600", "run.csv", tmp_path, "--for", "0.4 s")
+    told = listen.stderr.readline()  # the port is open
+    os.write(ours, b"456\r\n-1.5\r\n+2.5\r\n")
+    told += listen.communicate(timeout=30)[1]
+    os.close(ours)
+    os.close(theirs)
+    assert (tmp_path / "run.csv").read_text() == "z_mm\n-1.5\n+2.5\n"
+    assert "may have begun before the recording and was not kept: '456'" in told
+    assert "2 readings" in told
+
+
+def listening(source, out, folder, *more):
+    words = [
+        sys.executable,
+        "-m",
+        "metrosep",
+        "listen",
+        source,
+        "--columns",
+        "z_mm",
+        "-o",
+        out,
+        *more,
+    ]
+    return subprocess.Popen(
+        words, cwd=folder, text=True, stdin=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+
+
+@pytest.mark.skipif(os.name == "nt", reason="this system has no such signals")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT"])
+def test_whoever_ends_it_loses_no_reading_that_came(tmp_path, name):
+    listen = listening("-", "run.csv", tmp_path, "--every", "1 h")
+    listen.stdin.write("1.5\r-2.5\r")
+    listen.stdin.flush()
+    file = tmp_path / "run.csv"
+    wait_for(lambda: file.exists() and file.read_text() == "z_mm\n1.5\n")  # the first row at once
+    listen.stdin.write("3.5\r")
+    listen.stdin.flush()
+    time.sleep(0.3)
+    listen.send_signal(getattr(signal, name))
+    told = listen.communicate(timeout=30)[1]
+    assert file.read_text() == "z_mm\n1.5\n-2.5\n3.5\n"
+    assert listen.returncode == 0
+    assert "ended by hand" in told
+    assert "3 readings\n" in told  # the last one ended with CR: it is whole
+
+
+def wait_for(holds, seconds=30.0):
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize(
+    ("sent", "words"),
+    [
+        (b"1,5\n", "may be one number with a decimal comma"),
+        (b"-1,5\n", "may be one number with a decimal comma"),
+        (b"1,5;2,0\n", "'1,5' is not a number with a decimal point"),
+        (b"1,5 2,0\n", "is not a number"),
+        (b"1.0,,2.0\n", "lacks a number between two commas"),
+        (b"1.0\t\t2.0\n", "lacks a number between two tabs"),
+        (b"1.0,2.0,\n", "lacks a number"),
+        (b"1.0;2.0\n1.0,2.0\n", "line 2: has commas between its numbers, and the lines before have"),
+    ],
+)  # fmt: skip
+def test_no_column_is_made_of_a_decimal_comma_or_a_gap(sent, words):
+    with pytest.raises(DataError, match="line") as told:
+        list(LineTable(["x_mm", "z_um"], "gauge").feed(sent))
+    assert words in str(told.value)
+
+
+def test_whole_numbers_are_read_where_it_is_said_that_commas_part_them():
+    assert list(LineTable(["x_mm", "z_um"], "gauge", "{},{}").feed(b"1,-5\n2,7\n")) == [
+        "1,-5",
+        "2,7",
+    ]
+    rows = list(LineTable(["x_mm", "z_um"], "gauge").feed(b"1.0, -5\n2,7\n"))
+    assert rows == ["1.0,-5", "2,7"]  # the first line shows what a comma is
 
 
 def answering(answer, n=400):

@@ -79,7 +79,7 @@ const follow = makeFollow(el("follow"), wire, (paths) => open(paths, true), fail
 el("no-scale").append(scaleLine(edit, () => session, () => {
   const [a, b] = [views.map.get("a"), views.map.get("b")];
   return a && b ? Math.hypot(b[0] - a[0], b[1] - a[1]) : 0;
-}));
+}, (given) => wire.ask("scale", given).then(({ header }) => header, fail)));
 views.map.on("change:unit", () => {
   el("no-scale").hidden = views.map.get("unit") !== "px";
   document.body.classList.toggle("unscaled", !el("no-scale").hidden);

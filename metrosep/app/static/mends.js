@@ -38,8 +38,9 @@ export function mendButtons(mends, make, done = () => {}) {
  * @param {Make} make
  * @param {() => Dict} session
  * @param {() => number} length of the section A-B, px
+ * @param {(given: Dict) => Promise<Dict | undefined>} scale of the server, which reads what was typed
  */
-export function scaleLine(make, session, length) {
+export function scaleLine(make, session, length, scale) {
   const line = document.createElement("p");
   line.className = "scale-line";
   line.append("No lateral scale: lengths are in px, drawing waits. ");
@@ -52,8 +53,8 @@ export function scaleLine(make, session, length) {
       fields: [{ name: "step", label: "Size of a pixel", hint: "such as 3 um" },
         ...(px > 0 ? [{ name: "known", label: `or the length of the section A\u2013B, which is ${si(px, "px")}`, hint: "such as 2 mm" }] : [])],
     });
-    const known = /^\s*([\d.]+)\s*(\D+)$/.exec(given?.known ?? "");
-    const step = given?.step || (known ? `${Number((Number(known[1]) / px).toPrecision(9))} ${known[2].trim()}` : given?.known);
+    if (!given?.step && !given?.known) return;
+    const step = (await scale({ ...given, px }))?.lateral_step;
     if (step) make([{ path: ["input", "lateral_step"], old: session().input?.lateral_step ?? null, new: step }], "scale of the map");
   });
   line.append(button);

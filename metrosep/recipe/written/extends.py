@@ -375,9 +375,9 @@ def as_given(error: RecipeError, file: str, text: str, problem: str) -> RecipeEr
         return error
     given = " -s ".join(m.given for m in marks if m.line == line)
     if given:
-        return RecipeError(f"{file}, -s {given}: {problem}", key=error.key)
+        return RecipeError(f"{file}, -s {given}: {problem}", key=error.key, table=error.table)
     line -= sum(m.is_added and m.line < line for m in marks)
-    return RecipeError(f"{file}:{line}: {problem}", key=error.key, line=line)
+    return RecipeError(f"{file}:{line}: {problem}", key=error.key, line=line, table=error.table)
 
 
 def overrides_in(text: str) -> tuple[str, ...]:
