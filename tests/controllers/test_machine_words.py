@@ -353,11 +353,8 @@ def test_the_options_by_the_command_line(tmp_path, capsys):
     assert "X39.996" in (tmp_path / "o.nc").read_text()
 
 
-@pytest.mark.parametrize(
-    ("unit", "like", "said"),
-    [("G710", "G21", ""), ("G71", "G21", "F is taken to be in mm/min"), ("G700", "G20", "")],
-)
-def test_units_of_a_siemens_program(tmp_path, capsys, unit, like, said):
+@pytest.mark.parametrize(("unit", "like"), [("G710", "G21"), ("G71", "G21"), ("G700", "G20")])
+def test_units_of_a_siemens_program(tmp_path, capsys, unit, like):
     body = " G90 G94\nG0 X0. Y0. Z0. A-20. C0.\nG1 X0.5 Y-1.25 F50\nX1.5 A-30. F40\nM30\n"
     written = []
     for name, word in (("own", unit), ("usual", like)):
@@ -366,7 +363,7 @@ def test_units_of_a_siemens_program(tmp_path, capsys, unit, like, said):
             tmp_path / name, word + body, capsys, "--path-unit", "inch" if like == "G20" else "mm"
         )
         assert code == 0, err
-        assert said in err or name == "usual"
+        assert "F is taken" not in err  # the turn takes the time that it took: F is not read
         written.append(text.replace(word, "unit", 1))
     assert written[0] == written[1]
     assert written[0] != "unit" + body  # something was corrected
