@@ -68,8 +68,9 @@ class Basis:
         return np.asarray(found - _fixed(x, self.tilting) @ np.asarray(self.off).T)
 
     def legendre(self, x: FloatArray) -> FloatArray:
-        """Return the plain polynomials at positions, shape (..., m)."""
-        scaled = (2.0 * np.asarray(x) - self.low - self.high) / (self.high - self.low)
+        """Return the plain polynomials at positions, shape (..., m); NaN over an axis that stands still."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            scaled = (2.0 * np.asarray(x) - self.low - self.high) / (self.high - self.low)
         whole = np.asarray(np.polynomial.legendre.legvander(scaled, max(self.orders)))
         shape = (*np.shape(x), len(self.orders))
         return np.asarray(whole[..., list(self.orders)].reshape(shape), dtype=np.float64)
