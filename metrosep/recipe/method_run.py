@@ -300,9 +300,10 @@ def _require_one_way(
         for column in table.columns:
             if column.name in used or not tells_direction(column):
                 continue
-            if column.labels is None and len(np.unique(column.values)) < 2:
+            values = [] if column.values is None else np.unique(column.values).tolist()
+            if len(values) == 1:
                 continue  # a count that is 1 in each row
-            ways = {str(w).strip().casefold() for w in column.labels or column.values}
+            ways = {str(w).strip().casefold() for w in column.labels or values}
             if ways & (REVERSE if word in FORWARD else FORWARD):
                 raise DataError(
                     f"{file.name}: column {column.name!r} tells the direction of each row, and not {word} "

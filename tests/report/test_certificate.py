@@ -406,7 +406,10 @@ def test_what_a_person_typed_is_printed_as_typed(part, language):
     steps = STEPS.replace('metric = "Sq"', 'metric = "Sq"\nname = "Filter 0.8"')
     two = '[[check]]\nmetric = "Sz"\nname = "form"\nupper = "1 um"\nU = "2 nm"\n'
     made = Recipe.parse(steps + two + text, folder=part.parent).run(part).document
+    made["messages"] = ["u of a message that no catalogue holds"]
     shown = words(render_html(made))
+    assert "u of a message that no" in shown
+    assert "U of a message" not in shown
     assert shown.count("filter, FX-3.2") >= 2  # among the instruments and in the warning
     page = view(made)
     for rows in (page["c"]["rows"], page["characteristics"]):
@@ -419,7 +422,7 @@ def test_what_a_person_typed_is_printed_as_typed(part, language):
 
 
 @pytest.mark.parametrize("language", FOREIGN)
-def test_a_standard_uncertainty_keeps_its_small_letter(language):
+def test_a_standard_uncertainty_keeps_its_letter(language):
     english = (
         "u from the correlation of the residual (5.2 steps, about 12 independent cells), 10 degrees of "
         "freedom, k = 2.28 for 95.45 %; scale, reference and repeatability are not in it."
