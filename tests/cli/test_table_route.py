@@ -81,6 +81,25 @@ def test_separate_with_table_and_table_of_its_result_give_the_same_bytes(
     assert np.abs(left - line).max() < 0.06 + (4 * 0.02 / np.sqrt(3) if method == "mean" else 0.0)
 
 
+@pytest.mark.parametrize(
+    ("column", "is_list"), [("", False), (",retargeted", False), (",Target_1", True)]
+)
+def test_runs_whose_columns_tell_are_parsed_once_and_a_list_is_known_by_a_word(
+    metrosep, tmp_path, monkeypatch, column, is_list
+):
+    from metrosep.io.text import table
+
+    parsed, parse = [], table.with_moments  # of every text that is read, once
+    monkeypatch.setattr(table, "with_moments", lambda *a: (parsed.append(a[0].path), parse(*a))[1])
+    text = write_runs(tmp_path / "rr.csv").read_text().splitlines()
+    rows = [text[0] + column, *(row + (",0" if column else "") for row in text[1:])]
+    (tmp_path / "rr.csv").write_text("\n".join(rows) + "\n")
+    code, _, err = metrosep("table", tmp_path / "rr.csv", *AXES[:3], "Z", *AXES[4:], "--format", "csv",
+                            "--method", "mean", "-o", tmp_path / "z.csv")  # fmt: skip
+    assert (code, (tmp_path / "z.csv").exists()) == ((2, False) if is_list else (0, True)), err
+    assert len(parsed) == 1 or is_list
+
+
 def test_a_result_holds_the_runs_as_they_were_measured(metrosep, tmp_path):
     runs = write_runs(tmp_path / "runs.csv", samples=2600)
     words = (*COLUMNS, "--method", "mean", "-o", tmp_path / "out")
