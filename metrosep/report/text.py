@@ -262,14 +262,15 @@ def one_line(text: Any) -> str:
 
 
 def capital(text: str) -> str:
-    """Return a text with a capital first letter, the others as they are; a symbol keeps its letter.
+    """Return a text with a capital first letter, the others as they are; a symbol and a file keep theirs.
 
     Examples
     --------
     >>> capital("report B-7"), capital("u from the scatter")
     ('Report B-7', 'u from the scatter')
     """
-    if re.match(r"[b-zα-ω](?![A-Za-z'’])", text):  # U is another quantity than u
+    # U is another quantity than u, and A.csv another file than a.csv
+    if re.match(r"[b-zα-ω](?![A-Za-z'’])|[\w-]+\.\w", text):
         return text
     return text[:1].upper() + text[1:]
 
