@@ -196,7 +196,7 @@ def _scaled(obj):
     label = mesh[0].colorbar.ax.get_ylabel() if mesh else axes.get_ylabel()
     if kind == "SensitivityTable":
         ends, label = axes.get_xlim(), axes.get_xlabel()
-    assert ends == pytest.approx((low * 1e3, 7000.0), rel=1e-9)  # pm
+    assert ends == pytest.approx((low * 1e3, 7000.0), rel=1e-9, abs=0.0)  # pm
     assert "/ pm" in label
     np.testing.assert_allclose(_values(axes), 1e3 * before, rtol=1e-9)
 
@@ -227,7 +227,7 @@ def test_values_of_several_units_have_no_scale_in_common():
     ):
         both.plot(vmax="3 um")
     axes = both.plot(channel="gap", unit="nm", vmin=0.0, vmax="3 um")
-    assert axes.get_ylim() == pytest.approx((0.0, 3000.0))
+    assert axes.get_ylim() == pytest.approx((0.0, 3000.0), abs=0.0)
     assert axes.get_ylabel() == "reading / nm"
     np.testing.assert_allclose(axes.lines[0].get_ydata(), [1000.0, 2000.0], rtol=1e-12)
 

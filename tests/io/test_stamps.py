@@ -140,7 +140,9 @@ def test_a_count_from_a_date_keeps_all_its_digits(kind, put):
 
     read = ms.read(put(text), **({"time": f"{name}:{unit}"} if unit else {}))
 
-    assert [float(t) for t in read.t] == pytest.approx([k * tick for k in counts], rel=1e-15)
+    assert [float(t) for t in read.t] == pytest.approx(
+        [k * tick for k in counts], rel=1e-15, abs=0.0
+    )
     said = " ".join(read.metadata["warnings"])
     assert "since" in said or f"first row, which is at {texts[0]}" in said
 

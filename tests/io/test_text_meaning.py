@@ -608,7 +608,7 @@ def test_a_marker_in_a_column_that_is_not_asked_for_blocks_no_other(put):
 
     found = ms.read(path, x="x_mm", z="z_um")
 
-    assert found.z[21] == pytest.approx(2.5e-6, rel=1e-12)  # rounded in one product
+    assert found.z[21] == pytest.approx(2.5e-6, rel=1e-12, abs=0.0)  # rounded in one product
     assert any("holds 9999 in 1 row" in w for w in found.metadata["warnings"])
     assert len(ms.read_runs(path, x="x_mm", z="z_um")[0].z) == len(rows)
     for options in ({}, {"x": "x_mm", "z": "status:um"}):
@@ -629,8 +629,12 @@ def test_a_list_of_units_that_agrees_with_the_names_is_no_contradiction(put):
 
     profile = ms.read(path, x="Target (mm)", z="Run 1 (µm)")
 
-    assert [float(v) for v in profile.x] == pytest.approx([0.0, 0.25e-3, 0.5e-3], rel=1e-15)
-    assert [float(v) for v in profile.z] == pytest.approx([1.5e-6, -1e-6, 4e-6], rel=1e-15)
+    assert [float(v) for v in profile.x] == pytest.approx(
+        [0.0, 0.25e-3, 0.5e-3], rel=1e-15, abs=0.0
+    )
+    assert [float(v) for v in profile.z] == pytest.approx(
+        [1.5e-6, -1e-6, 4e-6], rel=1e-15, abs=0.0
+    )
 
 
 @pytest.mark.parametrize(
@@ -651,7 +655,7 @@ def test_units_under_their_columns_count_one_by_one(put):
 
     profile = ms.read(put("Units,mm,µm\n" + rows), x="Target", z="Run 1")
 
-    assert profile.x[-1] == pytest.approx(0.5e-3, rel=1e-15)
+    assert profile.x[-1] == pytest.approx(0.5e-3, rel=1e-15, abs=0.0)
     with pytest.raises(ms.errors.FormatMismatchError, match="in nm by its name, but in um"):
         ms.read(put("Units,mm,µm\n" + rows.replace("Run 1", "Run 1 (nm)")), x="Target", z="Run 1")
 
