@@ -138,12 +138,10 @@ class Spectrum:
         mean = SLOPE * np.append(1.0, np.full(n - 2, (1.0 - kept) / np.sqrt(1.0 - kept**2)))
         self.precision = free.T @ free / SLOPE_SD**2
         self.pull = free.T @ mean / SLOPE_SD**2
-        # The level, that of the longest wave, has a prior that is flat in the variance s^2 (Stein's
-        # harmonic prior; Morris, Tang 2011): its intervals hold what they say for a level that is fixed,
-        # where one flat in ln s runs away to nothing and one flat in s falls short where noise happens to
-        # cancel the long waves. As the mean level of all octaves it would lift, through the bends, those
-        # that the readings do not show.
-        self.pull[0] += 1.0
+        # The level, that of the longest wave, has a prior that is flat in s, not in ln s: where no
+        # geometry is seen, ln s would run away to nothing and take the band with it. As the mean
+        # level of all octaves it would lift, through the bends, those that the readings do not show.
+        self.pull[0] += 0.5
         self.phi = SLOPE * knots
 
     @property
