@@ -165,7 +165,10 @@ def listening(source, out, folder, *more):
 @pytest.mark.skipif(os.name == "nt", reason="this system has no such signals")
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT"])
 def test_whoever_ends_it_loses_no_reading_that_came(tmp_path, name):
+    number = getattr(signal, name)
+    before = signal.signal(number, signal.SIG_DFL)  # else ignored where the tests run under nohup
     listen = listening("-", "run.csv", tmp_path, "--every", "1 h")
+    signal.signal(number, before)
     listen.stdin.write("1.5\r-2.5\r")
     listen.stdin.flush()
     file = tmp_path / "run.csv"
@@ -173,7 +176,7 @@ def test_whoever_ends_it_loses_no_reading_that_came(tmp_path, name):
     listen.stdin.write("3.5\r")
     listen.stdin.flush()
     time.sleep(0.3)
-    listen.send_signal(getattr(signal, name))
+    listen.send_signal(number)
     told = listen.communicate(timeout=30)[1]
     assert file.read_text() == "z_mm\n1.5\n-2.5\n3.5\n"
     assert listen.returncode == 0
