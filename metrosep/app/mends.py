@@ -39,11 +39,10 @@ def mends_of_step(
     steps = document.recipe.steps
     if len(steps) > 1 and steps[index]["op"] != "separate":  # all numbers of runs are of this one
         skip = {"path": [*place, "enabled"], "new": False}
-        found = [
-            *found[: _MOST - 1],
-            {"label": f"Skip step {index + 1}", "edits": [skip], "ask": None},
-        ]
-    return _with_old(document, [m for m in found if m["ask"] or _works(document, m["edits"])])
+        found = found[: _MOST - 1]
+        if _works(document, [skip]):
+            found.append({"label": f"Skip step {index + 1}", "edits": [skip], "ask": None})
+    return _with_old(document, found)
 
 
 def mends_of_refusal(document: RecipeDocument, error: MetrosepError) -> list[dict[str, Any]]:
@@ -59,7 +58,7 @@ def mends_of_refusal(document: RecipeDocument, error: MetrosepError) -> list[dic
         ]
         found = [
             {"label": f"Move step {k + 1} to the end", "edits": moved, "ask": None},
-            *(m for m in _named(error, ["step", k])),
+            *_named(error, ["step", k]),
         ]
     else:
         table = error.table if isinstance(error, RecipeError) else None

@@ -92,6 +92,7 @@ def tool_option(command: F) -> F:
 
 def chain_of(machine: str, options: dict[str, Any]) -> Chain:
     """Return the machine of a command with `machine_options`."""
+    from metrosep.core.errors import DataError
     from metrosep.core.numbers import quantity
     from metrosep.recipe.methods.ops_machine import machine_of
 
@@ -100,8 +101,6 @@ def chain_of(machine: str, options: dict[str, Any]) -> Chain:
         k: None if v is None else quantity(v, f"--{k.replace('_', '-')}", "length")
         for k, v in given.items()
     }
-    from metrosep.core.errors import DataError
-
     try:
         found: Chain = machine_of(
             {"machine": machine, "pivot_height": sizes["pivot_height"]}, sizes["radius"]

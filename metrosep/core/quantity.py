@@ -145,9 +145,8 @@ class Quantity(PublicObject):
 
     def __format__(self, spec: str) -> str:
         """Return the line, padded as a text; digits are of its float, which is in SI."""
-        if not re.fullmatch(
-            r"(.?[<>^])?([1-9]\d*)?s?", spec, re.DOTALL
-        ):  # a precision cuts the unit
+        # a precision would cut the unit
+        if not re.fullmatch(r"(.?[<>^])?([1-9]\d*)?s?", spec, re.DOTALL):
             raise DataError(
                 f"a quantity is written with its unit and cannot be formatted with {spec!r}; "
                 f"format its value in {self.unit}: float(q)"

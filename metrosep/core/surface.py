@@ -24,7 +24,7 @@ from metrosep.core.units import format_ends, format_length
 if TYPE_CHECKING:
     from metrosep.core.profile import Profile
 
-__all__ = ["Surface"]
+__all__ = ["Surface", "lateral_steps"]
 
 
 _SAME_PIXEL = 1e-6
@@ -327,3 +327,12 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         3e-09
         """
         return attached.explore(self, **options)
+
+
+def lateral_steps(surface: Surface, so: str = "") -> tuple[float, float]:
+    """Return both lateral steps of a map, m; refuse a map without, with what follows from that."""
+    if surface.dx is None or surface.dy is None:
+        raise DataError(
+            f"the surface has no lateral step in both axes{so}: read the file with lateral_step=..."
+        )
+    return surface.dx, surface.dy

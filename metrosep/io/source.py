@@ -298,9 +298,8 @@ def _only_member(path: Path) -> Callable[[], Any] | None:
             ]
     except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
         return None
-    if len(names) != 1 or names[0].endswith(
-        (".npy", ".xml")
-    ):  # arrays, and maps of which a part is lost
+    # arrays, and maps of which a part is lost
+    if len(names) != 1 or names[0].endswith((".npy", ".xml")):
         return None
     return partial(zipfile.Path(path, names[0]).open, "rb")
 

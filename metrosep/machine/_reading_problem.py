@@ -46,8 +46,9 @@ ROUNDS = 10
 LARGEST = {"m": 1e-2, "rad": 1e-2}
 """A reading or an error beyond it is of no machine: its unit, or the machine, is another one."""
 _CHANCE = 1e-4
-_LOWEST = (1, 2, 3)  # orders at which a term begins
 """Of the next orders of an axis to be in the residuals by accident, where an order is added."""
+_LOWEST = (1, 2, 3)
+"""Orders at which a term begins."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

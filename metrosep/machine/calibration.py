@@ -614,9 +614,8 @@ def _sums(
             continue  # each moves by itself in another direction
         c = U[:, 1] / U[0, 1]
         value, u = float(c @ beta[at]), math.sqrt(max(float(c @ cov[np.ix_(at, at)] @ c), 0.0))
-        size = (
-            "" if abs(abs(c[1]) - 1.0) < 1e-3 else f"{abs(c[1]):.4g} "
-        )  # 1 but for typed positions
+        # 1 but for typed positions
+        size = "" if abs(abs(c[1]) - 1.0) < 1e-3 else f"{abs(c[1]):.4g} "
         first, second = (problem.names[k] for k in at)
         unit = problem.units[at[0]]
         said[i] = (

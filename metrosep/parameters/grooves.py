@@ -24,7 +24,7 @@ from metrosep.core.numbers import choice, positive, real
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.regions import check_region, within_region
-from metrosep.core.surface import Surface
+from metrosep.core.surface import Surface, lateral_steps
 from metrosep.core.units import format_length
 from metrosep.forms._correlated import estimated
 from metrosep.forms.points import Points, points_of
@@ -209,10 +209,8 @@ def step_height(
         raise OptionError(
             "a step height needs the width of a groove, or two regions: upper and lower"
         )
-    if isinstance(obj, Surface) and (obj.dx is None or obj.dy is None):
-        raise DataError(
-            "the surface has no lateral step in both axes: read the file with lateral_step=..."
-        )
+    if isinstance(obj, Surface):
+        lateral_steps(obj)
     if width is None:
         if not isinstance(obj, Surface):
             raise DataError("upper and lower are regions of a map; of a profile give width")
@@ -275,10 +273,7 @@ def step_between(
     instance_of(surface, Surface, "a step height")
     choice(kind, "kind", tuple(_LENGTHS))
     _check_degree(degree)
-    if surface.dx is None or surface.dy is None:
-        raise DataError(
-            "the surface has no lateral step in both axes: read the file with lateral_step=..."
-        )
+    lateral_steps(surface)
     across = positive(width, "width", dimension="length")
     (ax, ay), (bx, by) = position(a, "a"), position(b, "b")
     L = float(np.hypot(bx - ax, by - ay))

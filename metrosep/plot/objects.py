@@ -12,7 +12,7 @@ from metrosep.compensation.area_errors import is_rotary
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, OptionError
 from metrosep.core.numbers import choice, quantity
-from metrosep.core.readable import readable_unit
+from metrosep.core.readable import readable_unit, typeset
 from metrosep.core.units import parse_unit
 from metrosep.plot.maps import draw_map
 from metrosep.plot.style import (
@@ -134,7 +134,7 @@ class _Scale:
         if self.unit is not None:
             return stated_unit(self.unit, base)
         name, factor = readable_unit([largest], base)
-        return name.replace("um", "µm").replace("urad", "µrad"), factor
+        return typeset(name), factor
 
     def ends(self, low: float, high: float, base: str) -> tuple[float, float]:
         """Return the ends in SI."""
@@ -154,8 +154,12 @@ class _Scale:
 
     def limit_drawn(self, axes: Axes, label: str, base: str) -> None:
         """Set the ends of an ordinate whose label ends in its unit."""
-        unit = label.rpartition(" / ")[2].replace("µ", "u")
-        self.limit(axes, parse_unit(unit).factor, base)
+        self.limit(axes, _factor_of(label), base)
+
+
+def _factor_of(label: str) -> float:
+    """Return the value in SI of the unit in which a label ends."""
+    return parse_unit(label.rpartition(" / ")[2].replace("µ", "u")).factor
 
 
 def _surface(
@@ -349,7 +353,7 @@ def _sensitivity(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
 
     axes = sensitivity_bars(obj, ax, unit=scale.unit)
     if scale.low is not None or scale.high is not None:
-        factor = parse_unit(axes.get_xlabel().rpartition(" / ")[2].replace("µ", "u")).factor
+        factor = _factor_of(axes.get_xlabel())
         low, high = axes.get_xlim()
         a, b = scale.ends(low * factor, high * factor, "m")
         if not a > 0.0:
@@ -368,8 +372,7 @@ def _wavefront(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
     axes = wavefront_map(obj, ax=ax, unit=scale.unit)
     if scale.low is not None or scale.high is not None:
         mesh: Any = axes.collections[-1]
-        bar = mesh.colorbar.ax.get_ylabel().rpartition(" / ")[2]
-        factor = parse_unit(bar.replace("µ", "u")).factor
+        factor = _factor_of(mesh.colorbar.ax.get_ylabel())
         mesh.set_clim(low / factor, high / factor)
     return axes
 

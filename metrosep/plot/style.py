@@ -21,6 +21,7 @@ from weakref import WeakSet
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.readable import typeset
 from metrosep.core.units import parse_unit
 
 if TYPE_CHECKING:
@@ -234,7 +235,7 @@ def stated_unit(unit: str, base: str) -> tuple[str, float]:
     ('µm', 1e-06)
     """
     factor = parse_unit(unit, dimension=DIMENSIONS.get(base)).factor
-    return unit.replace("um", "µm").replace("urad", "µrad"), factor
+    return typeset(unit), factor
 
 
 UNITS: Mapping[str, Sequence[tuple[float, str]]] = {

@@ -789,7 +789,7 @@ def _family(obj: Surface | Profile, name: str) -> str:
     if isinstance(obj, Surface):
         if name[:1] in ("S", "V"):
             return "S"
-        near = f"; did you mean S{name[1:]}?" if name[:1] in "spwr" or name[:1] in "PWR" else ""
+        near = f"; did you mean S{name[1:]}?" if name[:1] in "spwrPWR" else ""
         raise DataError(f"a map has no parameter {name!r}: they are such as Sa, Sq, PV{near}")
     kind = {"S": "R"}.get(name[:1].upper(), name[:1].upper())
     near = f"; did you mean {kind}{name[1:]}?" if kind in ("P", "W", "R") else ""

@@ -23,7 +23,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.numbers import choice
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.core.surface import Surface
+from metrosep.core.surface import Surface, lateral_steps
 from metrosep.spectral.dft import Band, instance_of
 from metrosep.spectral.spectra import AmplitudeSpectrum, ArealPsd, Psd, RadialPsd
 from metrosep.spectral.streaming import StreamedPsd
@@ -208,7 +208,7 @@ def areal_psd(
     from scipy import fft
 
     instance_of(surface, Surface, "an areal spectrum")
-    dx, dy = _steps(surface)
+    dx, dy = lateral_steps(surface, ", so it has no frequencies in 1/m")
     z = _complete(surface.z, "surface", "pixels", 4)
     z = _detrended(z, detrend, "plane")
     w_y, w_x = (_weights(n, window) for n in z.shape)
@@ -388,15 +388,6 @@ def _weights(n: int, window: object) -> FloatArray:
 
 def _frequencies(n: int, dx: float) -> FloatArray:
     return np.asarray(np.arange(n // 2 + 1) / (n * dx))
-
-
-def _steps(surface: Surface) -> tuple[float, float]:
-    if surface.dx is None or surface.dy is None:
-        raise DataError(
-            "the surface has no lateral step in both axes, so it has no frequencies in 1/m; "
-            "read the file with lateral_step=..."
-        )
-    return surface.dx, surface.dy
 
 
 # ---- power spectral density of short records, pooled over runs; it integrates to the variance ----

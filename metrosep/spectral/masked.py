@@ -25,7 +25,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.numbers import between, choice
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.core.surface import Surface
+from metrosep.core.surface import Surface, lateral_steps
 from metrosep.spectral.dft import instance_of
 from metrosep.spectral.spectra import ArealPsd, Psd, RadialPsd
 
@@ -225,12 +225,8 @@ def _steps(obj: Surface | Profile) -> tuple[float, float]:
     """Return the steps in y and x, 1 in y of a profile."""
     if isinstance(obj, Profile):
         return 1.0, obj.dx
-    if obj.dx is None or obj.dy is None:
-        raise DataError(
-            "the surface has no lateral step in both axes, so it has no frequencies in 1/m; "
-            "read the file with lateral_step=..."
-        )
-    return obj.dy, obj.dx
+    dx, dy = lateral_steps(obj, ", so it has no frequencies in 1/m")
+    return dy, dx
 
 
 def _outline(measured: NDArray[np.bool_], *, is_map: bool) -> NDArray[np.bool_]:

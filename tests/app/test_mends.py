@@ -6,6 +6,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from contracts.recipes import mean_of_runs
 
 import metrosep as ms
 from metrosep.app.documents import Edit, Places
@@ -14,23 +15,14 @@ from metrosep.app.server import Answers
 from metrosep.app.sessions import Session
 from metrosep.core.errors import MetrosepError
 
-RUNS = """metrosep = 1
-[input]
-files = ["runs.csv"]
-x = "x_mm"
-z = "z_um"
-run = "run"
-[[step]]
-op = "separate"
-method = "mean"
-[[output]]
+RUNS = f"""{mean_of_runs()}[[output]]
 kind = "table"
 controller = "csv"
 axis = "X"
 compensates = "Z"
 spacing = "0.5 mm"
 path = "z.csv"
-machine = { max_points = 60 }
+machine = {{ max_points = 60 }}
 """
 CHECK = {"metric": "Sq", "upper": "1 um", "U": "1 nm"}
 

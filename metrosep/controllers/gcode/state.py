@@ -172,9 +172,7 @@ class ModalState:
     # it is refused (the part of a lathe)
     part: bool | None = None
     length: str = ""  # number of the tool length that G43.4 took
-    geometry_line: int = (
-        0  # line of the first G71, which leaves the unit of F to the control; 0: none
-    )
+    geometry_line: int = 0  # of the first G71, which leaves the unit of F to the control; 0: none
     open_feed: bool = False  # whether nothing but G71 said a unit
     edge: str = ""  # number of the tool edge (D of Sinumerik), whose lengths are in force
     dropped: bool = False  # whether G49 or D0 took the length away and nothing has given it back

@@ -73,9 +73,8 @@ def main() -> None:
                 answer = {"bytes": len(content)}
         except _ERRORS as exc:
             answer = {"error": " ".join(str(exc).split())[:160] or type(exc).__name__}
-            if (
-                number in handles
-            ):  # left open, a good copy over the damaged file would still be damaged
+            # left open, a good copy over the damaged file would still be damaged
+            if number in handles:
                 with suppress(*_ERRORS):
                     handles.pop(number).close()
         answers.write(json.dumps(answer, allow_nan=True).encode() + b"\n")

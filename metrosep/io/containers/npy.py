@@ -21,7 +21,7 @@ from metrosep.io.registry import BuiltIn, demand, sniffer
 from metrosep.io.source import RawFile
 from metrosep.io.text import delimited
 from metrosep.io.text.matrices import declared_units
-from metrosep.io.text.measurement import columns_as_object, map_as_surface
+from metrosep.io.text.measurement import FEW_COLUMNS, columns_as_object, map_as_surface
 from metrosep.io.text.table import ColumnSpec
 
 __all__ = ["channels", "npz", "read", "sniff"]
@@ -84,14 +84,10 @@ def _is_of_columns(unit: Any) -> bool:
     return unit is not None and not isinstance(unit, str)
 
 
-_FEW = 8
-"""Columns of an array that may be channels or positions and heights as well as a map."""
-
-
 def _refuse_columns(file: RawFile, name: str, values: NDArray[Any], lateral_step: Any) -> None:
     """Refuse to take few columns of many rows for a map without a step: nothing says that they are one."""
     rows, columns = values.shape
-    if lateral_step is None and columns <= _FEW < rows:
+    if lateral_step is None and columns <= FEW_COLUMNS < rows:
         each = ",".join(["mm", *["um"] * (columns - 1)])
         raise AmbiguousFormatError(
             f"{file.path}: {name!r} holds {rows} x {columns} numbers, which may be columns or a map: for columns "

@@ -57,6 +57,7 @@ from metrosep.io.text.table import (
 from metrosep.io.text.times import LONG_AGO_S, counted_moments, is_long_count
 
 __all__ = [
+    "FEW_COLUMNS",
     "SI_NAMES",
     "columns_as_object",
     "map_as_surface",
@@ -65,7 +66,7 @@ __all__ = [
     "unit_of",
 ]
 
-_FEW = 8
+FEW_COLUMNS = 8
 """Columns without names that may still be channels as well as a map."""
 
 
@@ -119,7 +120,7 @@ def measurement(
                 raise SeveralRunsError(file.path, found)
             return made.recording(timed, sampling_rate, channel)
         steps = lateral_steps(lateral_step)
-        said = unit is not None or steps is not None or n_columns > _FEW
+        said = unit is not None or steps is not None or n_columns > FEW_COLUMNS
         unnamed = bare and x is None and z is None and channel is None
         if unnamed and (said or looks_like_points(file, made.table)):
             return matrix(file, made.table, format_id, steps=steps, scale=sensitivity(scale))

@@ -175,7 +175,6 @@ class Model:
     post: Posterior | None = None
     lag_variance: float = 0.0  # s^2: of a lag, because the runs are displaced, each by its own
     _seen: list[RunEquations] | None = None
-    _solved: tuple[FloatArray | IntArray, ...] = ()  # what `post` is the solution of
 
     def __post_init__(self) -> None:
         self.slip = np.zeros(self.extension.n)
@@ -281,10 +280,8 @@ class Model:
         return np.concatenate([[self.line_sd**-2], waves, waves, self.extra_precision, *own])
 
     def solve(self) -> Posterior:
-        """Solve for the coefficients (eq. 8), unless the solution at hand is that of this state."""
-        at = (*self.total, self.precision(), self.used(), self.wave_columns())
-        if self.post is None or not all(map(np.array_equal, at, self._solved)):
-            self.post, self._solved = self.solution(*self.total), at
+        """Solve for the coefficients (eq. 8)."""
+        self.post = self.solution(*self.total)
         return self.post
 
     def solution(self, gram: FloatArray, right: FloatArray) -> Posterior:
