@@ -162,7 +162,8 @@ def figures_of(document: Mapping[str, Any]) -> list[Drawing]:
     words = captions_of(document)
     language = languages_of(document)[0]
     words_of, font = picture_words(language)
-    finish = partial(localise, words=words_of, decimal=printed(".", language), font=font)
+    decimal = printed("0.0", language)[1:-1]
+    finish = partial(localise, words=words_of, decimal=decimal, font=font)
     return [
         Drawing(
             name,

@@ -330,6 +330,18 @@ def test_the_annex_speaks_the_language_and_says_what_is_english(document, langua
     assert not re.search(r"\d[.]\d" if comma == "," else r"\d,\d", table), table
 
 
+@pytest.mark.parametrize(
+    ("language", "mark"), [("en", "."), ("de", ","), ("zh", "."), ("ja", ".")]
+)
+def test_pictures_of_a_report_have_the_decimal_mark_of_its_language(document, language, mark):
+    """What a picture writes stands in its SVG as comments, too."""
+    document["report"] = {"language": [language]}
+    inside = re.findall(r"data:image/svg\+xml;base64,([A-Za-z0-9+/=]+)", render_html(document))
+    pictures = "".join(base64.b64decode(picture).decode() for picture in inside)
+    written = " | ".join(re.findall(r"<!-- (.*?) -->", pictures))
+    assert set(re.findall(r"\d([.,])\d", written)) == {mark}
+
+
 def test_a_german_picture_has_commas_and_german_words():
     from matplotlib.figure import Figure
 
