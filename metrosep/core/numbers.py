@@ -68,7 +68,8 @@ def real(
     """Return one real number in SI; NaN and infinities only where `finite` is False."""
     if isinstance(value, str) and dimension is not None:
         return parse_quantity(value, dimension=dimension, name=name)
-    value = _with_unit(value, name, dimension)
+    if not isinstance(value, int | float):
+        value = _with_unit(value, name, dimension)
     if not is_real(value):
         raise OptionError(f"{name} must be {what}{_in(dimension)}, got {_shown(value)}")
     try:
