@@ -330,9 +330,7 @@ def test_the_annex_speaks_the_language_and_says_what_is_english(document, langua
     assert not re.search(r"\d[.]\d" if comma == "," else r"\d,\d", table), table
 
 
-@pytest.mark.parametrize(
-    ("language", "mark"), [("en", "."), ("de", ","), ("zh", "."), ("ja", ".")]
-)
+@pytest.mark.parametrize(("language", "mark"), [("de", ","), ("zh", ".")])
 def test_pictures_of_a_report_have_the_decimal_mark_of_its_language(document, language, mark):
     """What a picture writes stands in its SVG as comments, too."""
     document["report"] = {"language": [language]}
