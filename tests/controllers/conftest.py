@@ -15,13 +15,9 @@ MEMORY = Path("/dev/shm")  # noqa: S108  a folder in memory, of Linux
 
 
 @pytest.fixture(scope="package", autouse=True)
-def _no_wait_for_the_disk() -> Iterator[None]:
-    """Thousands of small files are written here; that they reach the disk is tested in tests/core.
-
-    A test that lets `os.fsync` fail does so over this one.
-    """
+def _small_files_in_memory() -> Iterator[None]:
+    """Thousands of small files are written here."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(os, "fsync", lambda _: None)
         if MEMORY.is_dir() and os.access(MEMORY, os.W_OK):
             patch.setattr(tempfile, "tempdir", str(MEMORY))
         yield
