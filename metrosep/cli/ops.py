@@ -7,7 +7,7 @@ import json
 import re
 import textwrap
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -315,10 +315,10 @@ def shell_text(words: Iterable[str]) -> str:
 
 def _example(op: str, folder: Path) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """Return the recipe of the examples with this step alone, and the keys of the step."""
-    for file in sorted(folder.glob("*/*.toml")):
+    for file, text in _with_step(op, folder):
         try:
-            recipe = tomllib.loads(file.read_text("utf-8"))
-        except (OSError, ValueError):
+            recipe = tomllib.loads(text)
+        except ValueError:
             continue
         steps = recipe.get("step")
         if not isinstance(steps, list) or len(steps) != 1 or steps[0].get("op") != op:
@@ -331,10 +331,16 @@ def _example(op: str, folder: Path) -> tuple[dict[str, Any], dict[str, Any]] | N
 
 def _recipe_of(op: str, folder: Path) -> str | None:
     """Return the recipe of the examples whose first step this is."""
+    file = next((file for file, _ in _with_step(op, folder)), None)
+    return None if file is None else f"examples/{file.parent.name}/{file.name}"
+
+
+def _with_step(op: str, folder: Path) -> Iterator[tuple[Path, str]]:
+    """Yield the files of the examples that have this step, with their text."""
     for file in sorted(folder.glob("*/*.toml")):
-        if re.search(rf'^op = "{op}"', file.read_text("utf-8"), re.MULTILINE):
-            return f"examples/{file.parent.name}/{file.name}"
-    return None
+        text = file.read_text("utf-8", errors="replace")
+        if re.search(rf'^op = "{op}"', text, re.MULTILINE):
+            yield file, text
 
 
 def _is_table(value: Any) -> bool:

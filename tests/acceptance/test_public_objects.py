@@ -2,6 +2,7 @@
 
 import copy
 import errno
+import functools
 import inspect
 import json
 import os
@@ -51,6 +52,7 @@ def runs():
     return ms.RunSet(each)
 
 
+@functools.cache
 def objects():
     """Return one object of each public class, by its class."""
     made = {}
@@ -114,8 +116,6 @@ upper = "80 nm"
 U = "2 nm"
 """
 
-OBJECTS = objects()
-
 
 def test_every_public_class_is_listed_with_what_it_can_do():
     import metrosep.batch.index
@@ -129,7 +129,7 @@ def test_every_public_class_is_listed_with_what_it_can_do():
     inherited = {c.__name__ for c in _children(PublicObject)}
     known = set(_PICTURES) | set(_FRAMES) | set(_LABELLED)
     assert known <= inherited
-    assert set(OBJECTS) <= inherited
+    assert set(objects()) <= inherited
 
 
 def _known(obj, table):
@@ -232,9 +232,9 @@ def test_values_of_several_units_have_no_scale_in_common():
     np.testing.assert_allclose(axes.lines[0].get_ydata(), [1000.0, 2000.0], rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", [n for n in OBJECTS if n != "ParameterTable"])
+@pytest.mark.parametrize("name", [n for n in TABLE if n != "ParameterTable"])
 def test_a_frozen_object_says_so(name):
-    obj = OBJECTS[name]
+    obj = objects()[name]
     field = next(iter(obj.__dataclass_fields__))
     for attribute, says in (
         (field, f"{field} is a field of it"),
@@ -247,12 +247,12 @@ def test_a_frozen_object_says_so(name):
 
 
 def test_the_table_of_the_contract_is_walked_whole():
-    assert set(TABLE) == set(OBJECTS)
+    assert set(TABLE) == set(objects())
 
 
 @WALK
 def test_an_object_comes_back_bit_for_bit(name, tmp_path):
-    obj = OBJECTS[name]
+    obj = objects()[name]
     path = obj.save(tmp_path / "o.h5")
     back = ms.load(path)
     assert type(back) is type(obj)
@@ -268,7 +268,7 @@ def test_an_object_comes_back_bit_for_bit(name, tmp_path):
 
 @WALK
 def test_it_says_what_it_is_in_one_line_and_in_a_notebook(name):
-    obj = OBJECTS[name]
+    obj = objects()[name]
     assert repr(obj).startswith(f"{name}(")
     assert "\n" not in repr(obj)
     assert len(repr(obj)) <= 100
@@ -288,7 +288,7 @@ def test_a_line_with_much_to_say_is_cut_at_a_word():
 
 @WALK
 def test_it_is_a_table(name):
-    frame = OBJECTS[name].to_frame()
+    frame = objects()[name].to_frame()
     assert len(frame) > 0
     assert len(set(frame.columns)) == len(frame.columns)
     assert set(TABLE[name][0]) <= {*frame.columns, *frame.index.names}
@@ -300,7 +300,7 @@ def test_it_draws_itself_with_units_on_its_axes(name):
     from matplotlib.axes import Axes
 
     before = dict(mpl.rcParams)
-    obj, draws = OBJECTS[name], TABLE[name][1]
+    obj, draws = objects()[name], TABLE[name][1]
     assert draws == _known(obj, _PICTURES)
     if not draws:
         with pytest.raises(DataError, match="no picture"):
@@ -326,7 +326,7 @@ def test_it_draws_itself_with_units_on_its_axes(name):
 @WALK
 def test_it_has_labelled_axes_where_it_has_axes(name):
     pytest.importorskip("xarray")
-    obj = OBJECTS[name]
+    obj = objects()[name]
     if not TABLE[name][2]:
         with pytest.raises(DataError, match="no axes"):
             obj.to_xarray()
@@ -337,7 +337,7 @@ def test_it_has_labelled_axes_where_it_has_axes(name):
 
 @WALK
 def test_it_subtracts_only_where_a_difference_has_a_meaning(name):
-    obj = OBJECTS[name]
+    obj = objects()[name]
     if TABLE[name][3]:
         assert obj - obj is not None
     else:
@@ -401,7 +401,7 @@ def test_numpy_reads_a_map_and_keeps_it_an_object_where_that_has_a_meaning():
 
 
 def test_a_sign_that_flips_flips_every_entry():
-    table = OBJECTS["CompensationTable"]
+    table = objects()["CompensationTable"]
     turned = -table
     np.testing.assert_array_equal(turned.forward, -table.forward)
     np.testing.assert_array_equal(turned.reverse, -table.reverse)
@@ -496,7 +496,7 @@ def test_limits_of_a_picture_take_units():
 @pytest.mark.parametrize("option", [{"unit": "kg"}, {"vmin": "0 nm"}, {"vmax": "5 nm"}])
 def test_a_picture_with_a_scale_of_its_own_takes_no_other(kind, option):
     with pytest.raises(errors.OptionError, match=f"own scale.*{next(iter(option))}"):
-        OBJECTS["ErrorEstimate"].plot(kind, **option)
+        objects()["ErrorEstimate"].plot(kind, **option)
 
 
 @pytest.mark.parametrize(
@@ -516,7 +516,7 @@ def test_a_picture_with_a_scale_of_its_own_takes_no_other(kind, option):
 )
 def test_options_that_are_not_there_are_refused_in_one_sentence(call, said):
     with pytest.raises(DataError, match=said) as caught:
-        call(surface(), OBJECTS["Profile"])
+        call(surface(), objects()["Profile"])
     assert "()" not in str(caught.value).replace("parameters()", "")  # no Python of ours
     assert "argument" not in str(caught.value)
 
@@ -646,17 +646,17 @@ def test_an_error_of_a_file_carries_its_name_through_a_pickle():
 def test_an_error_of_writing_says_what_the_system_said(tmp_path):
     missing = tmp_path / "none" / "p.h5"
     with pytest.raises(errors.WriteError, match="does not exist; create it") as caught:
-        OBJECTS["Profile"].save(missing)
+        objects()["Profile"].save(missing)
     for error in (caught.value, pickle.loads(pickle.dumps(caught.value))):  # noqa: S301
         assert (error.errno, error.filename) == (errno.ENOENT, str(missing))
         assert error.strerror == os.strerror(errno.ENOENT)
         assert str(error).startswith(f"{missing}: the folder")
     with pytest.raises(errors.WriteError, match="is a folder") as caught:
-        OBJECTS["Profile"].save(tmp_path)
+        objects()["Profile"].save(tmp_path)
     assert caught.value.errno == errno.EISDIR
     long = tmp_path / ("x" * 300)
     with pytest.raises(errors.WriteError, match=r"cannot be written \(") as caught:
-        OBJECTS["Profile"].save(long)
+        objects()["Profile"].save(long)
     assert (caught.value.errno, caught.value.filename) == (errno.ENAMETOOLONG, str(long))
     assert errors.WriteError("a refusal of our own").errno is None
 
@@ -694,7 +694,7 @@ def test_files_of_a_saved_result_are_paths(tmp_path):
 
 
 def test_names_that_are_not_there_are_key_errors(tmp_path):
-    for where in (OBJECTS["Recording"], OBJECTS["ParameterTable"]):
+    for where in (objects()["Recording"], objects()["ParameterTable"]):
         with pytest.raises(KeyError, match=r"gap|Sq"):
             where["Zzz"]
     with pytest.raises(OSError, match="does not exist"):
@@ -823,7 +823,7 @@ def test_a_resampled_map_is_the_wave_on_the_other_grid():
 
 
 def test_two_estimates_subtract_with_u_in_squares():
-    first = OBJECTS["ErrorEstimate"]
+    first = objects()["ErrorEstimate"]
     several = [
         ms.Run(r.x, 2.0 * r.z + k * NM * np.sin(r.x), feed=r.feed, run_id=f"{k}{r.run_id}")
         for k in (1, 2)
@@ -855,13 +855,13 @@ def test_two_tables_of_parameters_subtract_with_u():
 
 def test_figures_of_a_result_take_the_object_and_the_document():
     joint = ms.separation.separate(runs(), method="mean")
-    for draw in (joint.plot, lambda: ms.plot.table_plot(OBJECTS["CompensationTable"])):
+    for draw in (joint.plot, lambda: ms.plot.table_plot(objects()["CompensationTable"])):
         assert draw() is not None
-    table = OBJECTS["CompensationTable"]
+    table = objects()["CompensationTable"]
     document = {"table": table.to_dict()}
     drawn = [ms.plot.table_plot(o).lines[0].get_ydata() for o in (table, document)]
     np.testing.assert_array_equal(*drawn)
-    parts = OBJECTS["Separation"]
+    parts = objects()["Separation"]
     stored = {"separation": parts.to_dict()}
     for given in (parts, stored):
         assert ms.plot.parts_plot(given) is not None
@@ -873,7 +873,7 @@ def test_figures_of_a_result_take_the_object_and_the_document():
 
 
 def test_a_result_is_its_document(tmp_path):
-    result = OBJECTS["Result"]
+    result = objects()["Result"]
     path = result.save(tmp_path / "result.json")
     back = ms.load(path)
     assert back.document == json.loads(result.to_json())
