@@ -592,16 +592,58 @@ def _waves(
     n = int(np.ceil((top + 6) / np.pi * D / side / step))
     f = np.concatenate([np.geomspace(0.02, step, 8)[:-1], step * np.arange(1, n + 1)])
     width = np.gradient(f) * (f if angle is None else 1.0)
-    grams, moment = [], 0.0 + 0.0j
+    grams, moment, summed = [], 0.0 + 0.0j, _sums_under_waves(x, y, B)
     for ring, share in zip(f, width, strict=True):
         n = int(np.ceil(np.pi * ring + 8.0))
         at = np.pi / n * (np.arange(n) + 0.5) if angle is None else np.array([angle])
-        phase = 2.0 * np.pi * ring / D * (np.outer(np.cos(at), x) + np.outer(np.sin(at), y))
-        waves = np.concatenate([np.cos(phase) @ B, np.sin(phase) @ B])
+        k = 2.0 * np.pi * ring / D
+        waves = summed(k * np.cos(at), k * np.sin(at))
         grams.append(share / at.size * (waves.T @ waves))
         power = np.square(waves[:, -1]).reshape(2, -1).sum(axis=0)
         moment += share * complex(np.mean(power * np.exp(2.0j * at)))
     return f, np.asarray(grams), 0.5 * float(np.angle(moment))
+
+
+def _sums_under_waves(
+    x: FloatArray, y: FloatArray, B: FloatArray
+) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """Return what gives cos(kx x + ky y)' B of each wave, and below it sin(kx x + ky y)' B.
+
+    Of places on a grid exp(i (kx x + ky y)) is a product of two short tables, and no table of all
+    waves at all places is made.
+    """
+    # centres of blocks are means: equal but for the rounding
+    (across, column), (along, row) = (
+        np.unique(v.round(12 - _decade(np.ptp(v))), return_inverse=True) for v in (x, y)
+    )
+    if across.size * along.size > 2 * x.size:  # no grid
+
+        def scattered(kx: FloatArray, ky: FloatArray) -> FloatArray:
+            phase = np.outer(kx, x) + np.outer(ky, y)
+            return np.concatenate([np.cos(phase) @ B, np.sin(phase) @ B])
+
+        return scattered
+
+    grid = np.zeros((along.size, across.size, B.shape[1]))
+    np.add.at(grid, (row, column), B)
+    rows = grid.reshape(along.size, -1)
+
+    def gridded(kx: FloatArray, ky: FloatArray) -> FloatArray:
+        phase = np.outer(ky, along)
+        under = (np.concatenate([np.cos(phase), np.sin(phase)]) @ rows).reshape(
+            2, kx.size, *grid.shape[1:]
+        )
+        phase = np.outer(kx, across)[:, None]
+        cos, sin = np.cos(phase), np.sin(phase)
+        real = cos @ under[0] - sin @ under[1]
+        imaginary = cos @ under[1] + sin @ under[0]
+        return np.concatenate([real[:, 0], imaginary[:, 0]])
+
+    return gridded
+
+
+def _decade(span: float) -> int:
+    return int(np.ceil(np.log10(span))) if span > 0.0 else 0
 
 
 def _spectra(f: FloatArray, n_smooth: int = 90) -> tuple[FloatArray, FloatArray]:
