@@ -644,3 +644,27 @@ def test_the_advance_of_a_turn_is_that_of_places_a_turn_apart_not_of_the_ends(be
         left = cut - height(rho * c, rho * s)
         highest = max(highest, left.max())
     assert found.cusp == pytest.approx(highest, rel=0.03, abs=0.0)
+
+
+def test_a_spline_that_swings_beyond_its_points_leaves_the_travel_there():
+    """A tilted plane with its crest between two of 9 points a turn: the spline tops them, as scipy draws it."""
+    words = {"core": 1.98e-3, "nose": RoundNose(R), "sense": "clockwise"}
+
+    def made(z_travel=None, interpolation="spline"):
+        job = TurningJob(Expression("0.05*x"), 2e-3, 10e-6, rpm=60, z_travel=z_travel, **words)
+        return job.program(
+            job.path(step=np.pi / 4.5, start=np.pi / 9, interpolation=interpolation)
+        )
+
+    free = made()
+    course = CubicSpline(free.t, free.Z)(np.linspace(free.t[0], free.t[-1], 1000 * len(free)))
+    over = float(course.max() - free.Z.max())
+    assert over > 1 * UM
+    low = float(course.min()) - 1 * UM
+    end = float(free.Z.max()) + 0.2 * over
+    with pytest.raises(LimitError, match=r"Z goes .* above its travel") as found:
+        made((low, end))
+    size, unit = re.search(r"goes ([\d.]+) (um|nm) above", str(found.value)).groups()
+    assert float(size) * {"um": UM, "nm": NM}[unit] == pytest.approx(0.8 * over, rel=1e-3, abs=0.0)
+    made((low, float(course.max()) + 1 * NM))
+    made((low, end), "linear")
