@@ -425,6 +425,12 @@ def is_written(target: Path, data: bytes, sidecar: bytes, *, overwrite: bool) ->
     return False
 
 
+def is_copy(new: Path, there: Path) -> bool:
+    """Return whether a file and its sidecar are there as they are elsewhere, however large."""
+    pairs = ((new, there), (sidecar_path(new), sidecar_path(there)))
+    return all(p.is_file() and filecmp.cmp(n, p, shallow=False) for n, p in pairs)
+
+
 def _exists(path: Path) -> bool:
     try:
         return path.exists()

@@ -31,6 +31,7 @@ from metrosep.process.cutting.motion import AxisLimits, AxisMotion, axis_motion
 from metrosep.process.cutting.programs import TurningProgram
 from metrosep.process.cutting.rim import outside_the_rim, points_before, rim_said
 from metrosep.process.cutting.servos import contact_path, refuse_fitted
+from metrosep.process.cutting.travel import checked_travel, require_travel
 from metrosep.process.feedforward import corrected_path, left_over
 from metrosep.process.interpolation import Interpolation, knot_slopes
 from metrosep.process.machining_times import MachiningTime, machining_time
@@ -131,12 +132,15 @@ class TurningJob:
     nose : RoundNose, optional
         Of the tool. With it programs are tip paths; without it they are cut points, points of the
         surface, and say so.
+    x_travel, z_travel : tuple of (float, float), m, optional
+        What the machine reaches: least and largest radius of the tip, and least and largest height, 0 where
+        the form is 0. A program that leaves them, at a point or between two, is refused.
 
     Raises
     ------
     DataError
         If the form is none, a number is not positive and finite, the core not below the radius, the
-        sense not known, or the nose none.
+        sense not known, the nose none, or a travel does not begin before it ends.
     UnitError
         If the radius is above 5 m.
 
@@ -158,6 +162,8 @@ class TurningJob:
     core: float = 0.0
     sense: Sense | None = None
     nose: RoundNose | None = None
+    x_travel: tuple[float, float] | None = None
+    z_travel: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.form, Form):
@@ -175,6 +181,8 @@ class TurningJob:
             Edge.of(self.nose, self.sense)
         if self.sense is not None:
             numbers.choice(self.sense, "sense", get_args(Sense))
+        for name in ("x_travel", "z_travel"):
+            object.__setattr__(self, name, checked_travel(getattr(self, name), name))
 
     @property
     def _way(self) -> Sense:
@@ -607,8 +615,8 @@ class TurningJob:
         DataError
             If the job has no nose and cut points are not asked for, or the path is of another job.
         LimitError
-            If the nose gouges, the surface touches it beyond its window, or with "XZ" the tip would
-            pass beyond the spindle axis.
+            If the nose gouges, the surface touches it beyond its window, the tip leaves the travel of the
+            machine, or with "XZ" it would pass beyond the spindle axis.
 
         Notes
         -----
@@ -622,7 +630,7 @@ class TurningJob:
         spiral = self._own(path)
         numbers.choice(servo, "servo", get_args(Servo))
         if self.nose is None:
-            return self._surface_program(spiral, cut_points=cut_points)
+            return self._reached(self._surface_program(spiral, cut_points=cut_points))
         fits = gouge_check(self.form, self.nose, region=(self.core, self.radius))
         fits.require()
         edge = Edge.of(self.nose, self.sense)
@@ -648,11 +656,17 @@ class TurningJob:
                 *said,
                 *rim_said(spiral, X[turn], begins.rho, lambda: self._led_in(spiral, "Z").lead_in),
             )
-        return TurningProgram(
+        program = TurningProgram(
             frozen(X), frozen(azimuth), frozen(Z), t, "tip", spiral.interpolation,
             None if velocities is None else frozen(velocities), None, spiral.lead_in, {},
             (*fits.messages, *said), freeze_mapping(audit),
         )  # fmt: skip
+        return self._reached(program)
+
+    def _reached(self, program: TurningProgram) -> TurningProgram:
+        """Return the program, or refuse one that leaves the travel of the machine."""
+        require_travel(program, self.x_travel, self.z_travel)
+        return program
 
     def _surface_program(self, spiral: SpiralPath, *, cut_points: bool) -> TurningProgram:
         """Return the program of a job without a nose, or refuse it."""
@@ -728,8 +742,8 @@ class TurningJob:
         NotConvergedError
             If the setting cannot be inverted.
         LimitError
-            If there are too many points to work on, the nose gouges, or the surface touches it beyond its
-            window.
+            If there are too many points to work on, the nose gouges, the surface touches it beyond its
+            window, or the tip leaves the travel of the machine.
 
         Notes
         -----
@@ -780,11 +794,12 @@ class TurningJob:
             if added.size:  # a log knows its points only
                 found[2] += knot_slopes(t, added)
             velocities = frozen(found)
-        return TurningProgram(
+        program = TurningProgram(
             frozen(X), frozen(azimuth), frozen(z), t, "cut points" if self.nose is None else "tip",
             joined, velocities, points.z, points.lead_in, freeze_mapping(residual),
             tuple(messages), freeze_mapping(audit),
         )  # fmt: skip
+        return self._reached(program)
 
     def _compensated_both(
         self,
@@ -818,10 +833,11 @@ class TurningJob:
         rates = None
         if spiral.interpolation == "pvt":
             rates = frozen(np.stack([knot_slopes(nominal.t, v) for v in (X, azimuth, Z)]))
-        return TurningProgram(
+        program = TurningProgram(
             frozen(X), frozen(azimuth), frozen(Z), nominal.t, "tip", spiral.interpolation, rates,
             nominal.Z, spiral.lead_in, freeze_mapping(residual), tuple(said), freeze_mapping(audit),
         )  # fmt: skip
+        return self._reached(program)
 
     def _cut_points(
         self, points: PathPoints, tool: ToolSetting | None

@@ -42,7 +42,7 @@ from metrosep.recipe.outputs import (
 )
 from metrosep.recipe.parts import input_records, named_files, write_parts
 from metrosep.recipe.preflight import RESULT_NAME
-from metrosep.recipe.programs import try_programs, write_programs
+from metrosep.recipe.programs import program_names, refuse_replaced, try_programs, write_programs
 from metrosep.recipe.report_fields import report_of
 from metrosep.recipe.result import (
     SCHEMA,
@@ -109,7 +109,7 @@ def run_method(
         document |= _described(dry_runs(recipe, document))
         document["messages"] = [*document["messages"], *try_programs(recipe, produced, tell)]
         return Result(document, produced)
-    with staged(out, tables=table_names(recipe)) as stage:
+    with staged(out, tables=[*table_names(recipe), *program_names(recipe)]) as stage:
         made = write_tables(
             recipe,
             document,
@@ -121,6 +121,8 @@ def run_method(
         document |= _described(made)
         names = [f.name for t in made for f in t.files]
         programs, said = write_programs(recipe, produced, stage, tell)
+        if not overwrite:
+            refuse_replaced(recipe, stage, out)
         names += programs
         document["messages"] = [*document["messages"], *said]
         names += write_parts(recipe, described, stage, tell, document)

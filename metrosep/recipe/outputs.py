@@ -398,14 +398,13 @@ def keep_replaced(
     stage: Path, folder: Path, tables: Collection[str], *, overwrite: bool = True
 ) -> None:
     """Keep the tables of a folder that other ones of a stage will replace, or refuse that."""
-    from metrosep.controllers.base import is_written, keep_old, sidecar_path
+    from metrosep.controllers.base import is_copy, keep_old, refuse_existing
 
     for name in tables:
-        new = stage / name
-        if new.is_file():
-            pair = (new.read_bytes(), sidecar_path(new).read_bytes())
-            if not is_written(folder / name, *pair, overwrite=overwrite):
-                keep_old(folder / name)
+        if (stage / name).is_file() and not is_copy(stage / name, folder / name):
+            if not overwrite:
+                refuse_existing(folder / name)
+            keep_old(folder / name)
 
 
 def _move(stage: Path, folder: Path, tables: Collection[str]) -> None:

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from metrosep.core.errors import DataError, MetrosepError
+from metrosep.core.errors import DataError, MetrosepError, WriteError
 from metrosep.core.options import options_of
 from metrosep.core.units import format_length
 from metrosep.recipe.preflight import output_name
@@ -17,7 +17,7 @@ from metrosep.recipe.schema import Field
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["PROGRAM", "try_programs", "write_programs"]
+__all__ = ["PROGRAM", "program_names", "refuse_replaced", "try_programs", "write_programs"]
 
 _FILE: Mapping[str, Field] = {
     "kind": Field("text", required=True),
@@ -77,6 +77,30 @@ def try_programs(recipe: Recipe, produced: Any, tell: Callable[[str], None]) -> 
         except MetrosepError as exc:
             exc.args = (str(exc).replace(f"{folder}{os.sep}", ""), *exc.args[1:])
             raise
+
+
+def program_names(recipe: Recipe) -> list[str]:
+    """Return the names of the program files of a recipe."""
+    return [
+        output_name(output["path"], recipe.place("[[output]]", i))
+        for i, output in enumerate(recipe.outputs)
+        if output["kind"] == "program"
+    ]
+
+
+def refuse_replaced(recipe: Recipe, stage: Path, folder: Path) -> None:
+    """Refuse programs that would replace another one of their name, unless their output says overwrite."""
+    from metrosep.controllers.base import is_copy, sidecar_path
+
+    free = [o.get("overwrite", False) for o in recipe.outputs if o["kind"] == "program"]
+    for name, replaces in zip(program_names(recipe), free, strict=True):
+        there = folder / name
+        taken = next((p for p in (there, sidecar_path(there)) if p.exists()), None)
+        if taken is not None and not replaces and not is_copy(stage / name, there):
+            raise WriteError(
+                f"{taken}: is another program, and a machine may be using it; choose another path or folder, or "
+                "write overwrite = true into the output (the old one is kept as NAME.1)"
+            )
 
 
 def write_programs(

@@ -596,3 +596,75 @@ def test_what_a_nose_leaves_of_a_hollow_is_no_cusp():
 
     assert found.form_error > 150 * NM
     assert any("does not fit the surface" in m for m in found.messages)
+
+
+def contacts_on_a_spiral(bend, waves, per_turn=180, first=1.5e-3, turns=20.3, feed=10e-6, way=1):
+    """X, azimuth, Z of the small nose without rake, its contacts on a spiral; and the height, numpy alone."""
+
+    def height(x, y):
+        return 0.5 * bend * (x * x + 0.6 * y * y) + waves * np.sin(2 * np.pi * x / 9e-4)
+
+    angle = 2 * np.pi * np.arange(round(turns * per_turn)) / per_turn
+    rho, theta = first - feed * angle / (2 * np.pi), way * angle
+    c, s = np.cos(theta), np.sin(theta)
+    gx = bend * rho * c + waves * 2 * np.pi / 9e-4 * np.cos(2 * np.pi * rho * c / 9e-4)
+    rise = c * gx + s * 0.6 * bend * rho * s
+    psi = np.arctan(rise)
+    return (
+        rho - SMALL * np.sin(psi),
+        theta,
+        height(rho * c, rho * s) - SMALL * (1 - np.cos(psi)),
+        height,
+    )
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize("bend", [300.0, -300.0], ids=["bowl", "dome"])
+def test_the_advance_of_a_turn_is_that_of_places_a_turn_apart_not_of_the_ends(bend, way):
+    """X swings by more than it advances: its ends say 7.7 and 12.8 um a turn, tips are 9.4 and 10.6 um apart."""
+    X, azimuth, Z, height = contacts_on_a_spiral(bend, 4e-6, way=way)
+    program = TurningProgram(X, azimuth, Z, np.arange(X.size) / 180.0, "tip")
+    apart = X[:-180] - X[180:]  # the same azimuth, a turn later
+    of_ends = (X[0] - X[-1]) / program.turns
+    assert abs(of_ends / apart.mean() - 1) > 0.05
+    assert program.feed == pytest.approx(apart.mean(), rel=3e-3, abs=0.0)
+    at = slice(200, 3000)
+    larger = np.fmax(apart[20:-180], apart[200:])
+    assert program.advance_at(azimuth[at][: larger.size]) == pytest.approx(larger[: X[at].size], abs=1e-12)  # fmt: skip
+    # cusps along a radius: the lowest of the circles of all turns there
+    form = Expression(f"0.5*({bend})*(x**2+0.6*y**2)+4e-6*sin(2*pi*x/9e-4)")
+    found = check_program(program, RoundNose(SMALL), form, places=2000, region=(1.33e-3, 1.46e-3))
+    highest = 0.0
+    for k in range(0, 180, 4):
+        x, z = X[k::180], Z[k::180]
+        rho = np.linspace(1.34e-3, 1.45e-3, 8001)
+        u = rho[:, None] - x
+        cut = (z + SMALL - np.sqrt(SMALL**2 - u**2)).min(axis=1)
+        c, s = np.cos(azimuth[k]), np.sin(azimuth[k])
+        left = cut - height(rho * c, rho * s)
+        highest = max(highest, left.max())
+    assert found.cusp == pytest.approx(highest, rel=0.03, abs=0.0)
+
+
+def test_a_spline_that_swings_beyond_its_points_leaves_the_travel_there():
+    """A tilted plane with its crest between two of 9 points a turn: the spline tops them, as scipy draws it."""
+    words = {"core": 1.98e-3, "nose": RoundNose(R), "sense": "clockwise"}
+
+    def made(z_travel=None, interpolation="spline"):
+        job = TurningJob(Expression("0.05*x"), 2e-3, 10e-6, rpm=60, z_travel=z_travel, **words)
+        return job.program(
+            job.path(step=np.pi / 4.5, start=np.pi / 9, interpolation=interpolation)
+        )
+
+    free = made()
+    course = CubicSpline(free.t, free.Z)(np.linspace(free.t[0], free.t[-1], 1000 * len(free)))
+    over = float(course.max() - free.Z.max())
+    assert over > 1 * UM
+    low = float(course.min()) - 1 * UM
+    end = float(free.Z.max()) + 0.2 * over
+    with pytest.raises(LimitError, match=r"Z goes .* above its travel") as found:
+        made((low, end))
+    size, unit = re.search(r"goes ([\d.]+) (um|nm) above", str(found.value)).groups()
+    assert float(size) * {"um": UM, "nm": NM}[unit] == pytest.approx(0.8 * over, rel=1e-3, abs=0.0)
+    made((low, float(course.max()) + 1 * NM))
+    made((low, end), "linear")

@@ -184,3 +184,93 @@ def recipe_heights(rho, phi):
     """Return the form of `STEP` along a course."""
     x, y = rho * np.cos(phi), rho * np.sin(phi)
     return 9 * x**2 + 14 * y**2 + 3 * x * y + 6e-3 * x + 2e-6 * np.sin(2 * np.pi * y / 9e-4)
+
+
+def words_of(file):
+    """X and Z of the blocks of a file, m."""
+    found = re.findall(r"X([-\d.]+) C[-\d.]+ Z([-\d.]+)", file.read_text())
+    return np.array(found, dtype=float).T * 1e-3
+
+
+@pytest.mark.parametrize("servo", ["Z", "XZ"])
+def test_a_path_beyond_the_travel_names_axis_block_and_by_how_much(tmp_path, capsys, servo):
+    step = STEP.replace("rpm = 60\n", f'rpm = 60\nservo = "{servo}"\n') + OUTPUT
+    run(step, tmp_path)
+    X, Z = words_of(tmp_path / "out" / "part.nc")
+    last = X.size - 1
+    for axis, values in (("x", X), ("z", Z)):
+        low, high = values.min(), values.max()
+        for ends, off, at in (
+            ((low - 1e-6, high + 1e-6), None, None),
+            ((low - 1e-6, high - 7e-6), "7 um above", int(np.argmax(values))),
+            ((low + 7e-6, high + 1e-6), "7 um below", int(np.argmin(values))),
+        ):
+            line = (
+                f'{axis}_travel = ["{float(ends[0]) * 1e3!r} mm", "{float(ends[1]) * 1e6!r} um"]\n'
+            )
+            (tmp_path / "job.toml").write_text(step.replace("rpm = 60\n", f"rpm = 60\n{line}"))
+            with pytest.raises(SystemExit) as end:
+                main(["predict", str(tmp_path / "job.toml"), "-o", str(tmp_path / f"{axis}{off}")])
+            said = re.sub(r"\s+", " ", capsys.readouterr().err)
+            if off is None:
+                assert end.value.code == 0
+                continue
+            assert end.value.code != 0
+            size, block = re.search(rf"{axis.upper()} goes ([\d.]+) um {off[5:]} its travel .* in block (\d+)", said).groups()  # fmt: skip
+            assert float(size) == pytest.approx(
+                7.0, abs=0.01
+            )  # digits of the file, and of the text
+            assert int(block) in (at - 1, at, min(at, last - 1))
+            assert not (tmp_path / f"{axis}{off}").exists()
+
+
+@pytest.mark.parametrize(
+    ("line", "match"),
+    [
+        ('x_travel = ["2 mm", "1 mm"]', "give the least place first"),
+        ('x_travel = ["2 mm"]', "two lengths"),
+        ("z_travel = [1, 2]", "unit"),
+        ('z_travel = ["nan mm", "2 mm"]', "finite|number"),
+    ],
+)
+def test_a_travel_that_is_none_is_refused(tmp_path, line, match):
+    with pytest.raises(MetrosepError, match=match):
+        run(STEP.replace("rpm = 60\n", f"rpm = 60\n{line}\n"), tmp_path)
+
+
+def test_a_travel_holds_for_points_of_the_surface_too(tmp_path):
+    points = STEP.replace('nose_radius = "0.6 mm"\nrake = "-20 deg"\n', "")
+    with pytest.raises(LimitError, match=r"Z goes .* above its travel"):
+        run(points.replace("rpm = 60\n", 'rpm = 60\nz_travel = ["-1 mm", "10 um"]\n'), tmp_path)
+
+
+def test_another_program_is_not_replaced_unless_the_output_says_so(tmp_path, capsys):
+    def called(text, *words):
+        (tmp_path / "job.toml").write_text(text)
+        with pytest.raises(SystemExit) as end:
+            main([*words, str(tmp_path / "job.toml"), "-o", str(tmp_path / "out")])
+        return end.value.code, " ".join(capsys.readouterr().err.split())
+
+    file, beside = tmp_path / "out" / "part.nc", tmp_path / "out" / "part.nc.json"
+    assert called(STEP + OUTPUT, "predict")[0] == 0
+    first, said = file.read_bytes(), beside.read_bytes()
+    result = (tmp_path / "out" / "result.json").read_bytes()
+    assert called(STEP + OUTPUT, "predict")[0] == 0  # the same program again
+    assert not (tmp_path / "out" / "part.nc.1").exists()
+    other = (STEP + OUTPUT).replace("rpm = 60", "rpm = 50")
+    code, err = called(other, "predict")
+    assert code != 0
+    assert "part.nc: is another program" in err
+    assert "overwrite = true" in err
+    assert file.read_bytes() == first
+    assert beside.read_bytes() == said
+    assert (tmp_path / "out" / "result.json").read_bytes() == result
+    assert called(f"{other}overwrite = true\n", "predict")[0] == 0
+    assert file.read_bytes() != first
+    assert (tmp_path / "out" / "part.nc.1").read_bytes() == first
+    assert (tmp_path / "out" / "part.nc.1.json").read_bytes() == said
+    file.write_text("( of somebody else )\n")  # a sidecar that does not belong to it
+    assert called(other, "predict")[0] != 0
+    assert file.read_text() == "( of somebody else )\n"
+    assert called(other, "run", "--force")[0] == 0
+    assert (tmp_path / "out" / "part.nc.2").read_text() == "( of somebody else )\n"

@@ -646,6 +646,9 @@ def check_program(
         high_ = cusp_heights(
             form, x[cut], y[cut], nose=nose, feed=program.feed, sense=program.sense
         )
+        # the formula is that of tips a feed apart; where X follows too they are not
+        azimuth = np.interp(part.t[cut], program.t, program.azimuth)
+        high_ = high_ * (program.advance_at(azimuth) / program.feed) ** 2
         if np.isfinite(high_).any():
             cusp = float(np.nanmax(high_))
             # place by place: a tip that is off where cusps are low is seen; no more than the feed leaves

@@ -164,8 +164,58 @@ class TurningProgram(Frozen):
 
     @property
     def feed(self) -> float:
-        """Mean advance of X in a turn, m."""
-        return abs(float(self.X[0] - self.X[-1])) / self.turns
+        """Mean advance of X in a turn, m: from the first whole turn to the last one.
+
+        Not from its first place to its last: where X follows the surface (servo XZ) it swings within a turn
+        by much more than it advances. A program of less than two turns has its ends only.
+        """
+        turns = self.turns
+        if turns < 2.0:
+            return abs(float(self.X[0] - self.X[-1])) / turns
+        way = 1.0 if self.sense == "counterclockwise" else -1.0
+        head = self._x_over_turn(float(self.azimuth[0]), way)
+        tail = self._x_over_turn(float(self.azimuth[-1]) - way * _TURN, way)
+        return abs(head - tail) / (turns - 1.0)
+
+    def _x_over_turn(self, start: float, way: float) -> float:
+        """Return the mean of X over the azimuths of the turn after one, straight between its points."""
+        course = AxisCourse.lines(self)
+        ends = start + way * _TURN * np.array([0.0, 1.0])
+        i, s = course.at_azimuth(ends)
+        inner = slice(int(i[0]) + 1, int(i[1]) + 1)
+        x, azimuth = course.value(0, i, s), self.azimuth[inner]
+        xs, at = np.array([x[0], *self.X[inner], x[1]]), np.array([ends[0], *azimuth, ends[1]])
+        return float(np.trapezoid(xs, at)) / (way * _TURN)
+
+    def advance_at(self, azimuth: ArrayLike) -> FloatArray:
+        """Return how far X is from that of the turns before and after, m: the larger of the two.
+
+        Parameters
+        ----------
+        azimuth : array_like, rad
+            On the part, not wrapped.
+
+        Returns
+        -------
+        ndarray, m
+            NaN where the program has neither turn.
+
+        Examples
+        --------
+        >>> turn = np.linspace(0.0, 6.0 * np.pi, 73)
+        >>> program = TurningProgram(1e-3 - 1e-6 * turn, turn, 0.0 * turn, turn, "tip")
+        >>> [round(float(v) * 1e6, 6) for v in program.advance_at([7.0])]
+        [6.283185]
+        """
+        course, at = AxisCourse.lines(self), np.atleast_1d(np.asarray(azimuth, dtype=np.float64))
+        low, high = np.sort(self.azimuth[[0, -1]])
+        found = np.full((3, *at.shape), np.nan)
+        for row, turns in zip(found, (-1.0, 0.0, 1.0), strict=True):
+            where = at + _TURN * turns
+            on = (where >= low) & (where <= high)
+            row[on] = course.value(0, *course.at_azimuth(where[on]))
+        before, after = np.abs(np.diff(found, axis=0))
+        return np.asarray(np.fmax(before, after))
 
     @property
     def duration(self) -> float:
@@ -280,6 +330,11 @@ class AxisCourse:
             return cls(program.t[part], (x, azimuth, z), (vx, va, vz), start)
         found = [_spline_slopes(program.t, v, start, start + x.size) for v in all_]
         return cls(program.t[part], (x, azimuth, z), (found[0], found[1], found[2]), start)
+
+    @classmethod
+    def lines(cls, program: TurningProgram) -> AxisCourse:
+        """Return all points joined by lines, whatever the control does: for what is needed roughly."""
+        return cls(program.t, (program.X, program.azimuth, program.Z), None, 0)
 
     def value(self, axis: int, i: NDArray[np.intp], s: FloatArray) -> FloatArray:
         """Return an axis at a share of blocks."""

@@ -12,7 +12,7 @@ from metrosep.core.errors import DataError, UnitError
 from metrosep.core.options import Option
 from metrosep.core.units import Unit, parse_quantity, parse_unit, unit_dimension
 
-__all__ = ["LIMITS", "limits_of"]
+__all__ = ["LIMITS", "TRAVEL", "limits_of"]
 
 _PER = re.compile(r"(.*)/\s*([^\W\d]+)(?:\^?([23]))?")
 _LIMITED = {None: "velocity", "2": "acceleration", "3": "jerk"}
@@ -22,6 +22,15 @@ LIMITS: Mapping[str, Option] = {
     "x_limits": Option("texts", help=_HELP.format("X")),
     "c_limits": Option("texts", help=_HELP.format("C").replace("mm", "deg").replace(" m", " rad")),
     "z_limits": Option("texts", help=_HELP.format("Z")),
+}
+TRAVEL: Mapping[str, Option] = {
+    "x_travel": Option(
+        "lengths", help='least and largest radius that the tip can go to, "0 mm, 60 mm"'
+    ),
+    "z_travel": Option(
+        "lengths",
+        help='least and largest height that the tip can go to, 0 where the form is 0, "-5 mm, 20 mm"',
+    ),
 }
 
 

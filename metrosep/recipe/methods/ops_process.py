@@ -17,7 +17,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import column_unit, format_length
-from metrosep.recipe.methods.axis_limits import LIMITS, limits_of
+from metrosep.recipe.methods.axis_limits import LIMITS, TRAVEL, limits_of
 from metrosep.recipe.methods.ops_machine import CENTRE, form_of, one_map
 
 __all__ = ["SETTING", "JobResult"]
@@ -340,6 +340,7 @@ class JobPredicted(Method):
         ),
         "measured": Option("uncertainty", help='P-V of the part as cut, to compare, "8 nm"'),
         **LIMITS,
+        **TRAVEL,
     }
 
     @classmethod
@@ -358,6 +359,7 @@ class JobPredicted(Method):
             core=rest.get("core", 0.0),
             sense=rest.get("sense"),
             nose=_nose(rest),
+            **{k: rest[k] for k in TRAVEL if k in rest},
         )
         tool = None
         setting = {k: rest[k] for k in SETTING if k in rest}
@@ -387,10 +389,12 @@ class JobPredicted(Method):
             )
             _clears(job, rest)
         motion = None
-        if limits := limits_of(rest):
+        limits, course = limits_of(rest), program
+        if program is None and (limits or any(k in rest for k in TRAVEL)):
+            course = job.program(path, cut_points=True)
+        if limits and course is not None:
             from metrosep.process import axis_motion
 
-            course = job.program(path, cut_points=True) if program is None else program
             motion = axis_motion(course, limits, block_time=job.block_time)
         history = getattr(log, "history", ())
         return JobResult(
