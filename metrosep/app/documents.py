@@ -6,6 +6,7 @@ puts there; one that found something else came from an outdated page and is refu
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import json
 import os
@@ -475,16 +476,31 @@ class Places:
         self._roots.append(Path(os.path.realpath(folder)))
 
     def readable(self, path: str) -> Path:
-        """Return a file inside the opened folders."""
+        """Return a file inside the opened folders, as is all that may be read beside it."""
+        found = self.require_inside(path)
+        if not found.is_file():
+            raise ReadError(f"{path}: there is no such file")
+        self.require_own(_beside(found))
+        return found
+
+    def require_inside(self, path: str) -> Path:
+        """Return a path, or a pattern of paths, inside the opened folders."""
         found = self.inside(path)
         if found is None:
             raise ReadError(
                 f"{path}: lies outside the folders that were opened ({self._words()}); open it with "
                 "'metrosep ui FILE', add its folder with --folder, or drop it onto the page"
             )
-        if not found.is_file():
-            raise ReadError(f"{path}: there is no such file")
         return found
+
+    def require_own(self, files: Iterable[Path]) -> None:
+        """Refuse files that are links out of the opened folders."""
+        for file in files:
+            if file.is_symlink() and self.inside(str(file)) is None:
+                raise ReadError(
+                    f"{file.name}: is a link that leads out of the folders that were opened; add the "
+                    "folder that it leads to with --folder, or put a copy in its place"
+                )
 
     def writable(self, path: str) -> Path:
         """Return where a file may be written."""
@@ -526,7 +542,10 @@ class Places:
 
     def admits(self, path: Path) -> bool:
         """Return whether a path that a recipe names lies inside the opened folders."""
-        return self.inside(str(Path.cwd() / path)) is not None
+        found = self.inside(str(Path.cwd() / path))
+        if found is not None:
+            self.require_own(_beside(found))
+        return found is not None
 
     def _words(self) -> str:
         return ", ".join(map(str, self.roots)) or "none"
@@ -566,6 +585,11 @@ class Places:
         if self._uploads is not None:
             shutil.rmtree(self._uploads, ignore_errors=True)
             self._uploads = None
+
+
+def _beside(file: Path) -> Iterable[Path]:
+    """Return what may be read with a file: heads of formats, the report, the facts of a table."""
+    return file.parent.glob(f"{glob.escape(file.stem)}.*") if file.parent.is_dir() else ()
 
 
 # ---- what was made of the latest objects, so that it is not made again for the next picture ----

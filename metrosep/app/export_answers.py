@@ -86,7 +86,7 @@ def _moved(session: Session, document: RecipeDocument, folder: Path) -> RecipeDo
             if not Path(step[key]).is_absolute() and (here / step[key]).is_file():
                 new = (way / step[key]).as_posix()
                 edits.append(Edit(("step", i, key), step[key], new))
-    made = RecipeDocument(document.text, there, document.name)
+    made = RecipeDocument(document.text, there, document.name, document.admits)
     if edits:
         made.edit(edits)
     return made
@@ -230,6 +230,7 @@ def run_folder(session: Session, message: Message, cancel: Cancel, tell: Tell) -
     if not opened.files:
         raise DataError("this recipe reads no input: there is no folder to run it on")
     folder = _folder(session, text_of(message, "folder"))
+    session.places.require_own(Path(p, n) for p, _, names in os.walk(folder) for n in names)
     out = session.places.writable(text_of(message, "out"))
     # a set of runs in several files is a folder; a file that holds all its runs is a unit by itself
     each = "folder" if opened.kind == "runs" and len(opened.files) > 1 else "file"

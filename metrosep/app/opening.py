@@ -321,6 +321,8 @@ def _of_recipe(
     if not recipe.reads_nothing:
         if not recipe.input.get("files"):
             raise ReadError(f"{file.name}: its [input] names no file; open a measurement")
+        for pattern in recipe.input["files"]:  # before a folder outside is looked into
+            places.require_inside(str(file.parent / pattern))
         found = [places.readable(str(f)) for f in input_files(recipe, None)]
     if recipe.is_pipeline and len(found) > 1:
         messages = (*messages, f"{file.name} names {len(found)} files; {found[0].name} is shown")

@@ -6,8 +6,10 @@ controllers notes, section 8, checks 5 to 9, and the dead zone of LinuxCNC in se
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from decimal import ROUND_DOWN, Context
 from typing import TYPE_CHECKING, Any, Literal, Self, cast
 
 import numpy as np
@@ -369,37 +371,45 @@ def _slopes(
     slopes = [np.diff(c) / steps for c in columns]
     slope = max(float(np.abs(s).max()) for s in slopes)
     yield from slope_finding(slope, -min(float(s.min()) for s in slopes) if on_axis else 0.0)
-    if limits.feed is not None and limits.velocity_share is not None:
+    if limits.feed is None:
+        return
+    allowed, found = limits.feed, []
+    fix = "drive slower or drop the shortest wavelengths (shortest=)"
+    at = f"at {limits.feed * 6e4:.6g} mm/min the correction"
+    if limits.velocity_share is not None:
         speed = slope * limits.feed
         if speed > limits.velocity_share:
-            yield Finding.error(
-                f"at {limits.feed * 6e4:.6g} mm/min the correction moves with "
-                f"{speed * 6e4:.4g} mm/min, allowed are {limits.velocity_share * 6e4:.4g}",
-                "drive slower or drop the shortest wavelengths (shortest=)",
-                "velocity",
-            )
-    if limits.feed is not None and limits.acceleration_share is not None and steps.size > 1:
+            allowed = limits.velocity_share / slope
+            text = f"moves with {speed * 6e4:.4g} mm/min, allowed are {limits.velocity_share * 6e4:.4g}"
+            found.append(Finding.error(f"{at} {text}", fix, "velocity"))
+    if limits.acceleration_share is not None and steps.size > 1:
         middle = 0.5 * (steps[1:] + steps[:-1])
         curvature = max(float(np.abs(np.diff(s) / middle).max()) for s in slopes)
         acceleration = curvature * limits.feed**2
         if acceleration > limits.acceleration_share:
-            yield Finding.error(
-                f"at {limits.feed * 6e4:.6g} mm/min the correction accelerates with "
-                f"{acceleration:.3g} m/s2, allowed are {limits.acceleration_share:.3g}",
-                "drive slower or drop the shortest wavelengths (shortest=)",
-                "acceleration",
-            )
+            allowed = min(allowed, math.sqrt(limits.acceleration_share / curvature))
+            text = f"accelerates with {acceleration:.3g} m/s2, allowed are {limits.acceleration_share:.3g}"
+            found.append(Finding.error(f"{at} {text}", fix, "acceleration"))
+    yield from (replace(f, hint=_slower(allowed)) for f in found)
+
+
+def _slower(feed: float) -> dict[str, str] | None:
+    """Return the largest feed of three digits below one in m/s."""
+    rounded = Context(prec=3, rounding=ROUND_DOWN).create_decimal(feed * 6e4 * (1.0 - 1e-12))
+    return {"feed": f"{float(rounded):.6g} mm/min"} if rounded > 0 else None
 
 
 def _reversal(forward: FloatArray, reverse: FloatArray, limits: Limits) -> Iterator[Finding]:
     jumps = np.abs(forward - reverse)
     if limits.reversal_jump is not None and float(jumps.max()) > limits.reversal_jump:
-        yield Finding.error(
-            f"the correction jumps by {format_length(float(jumps.max()))} at a reversal, allowed are "
-            f"{format_length(limits.reversal_jump)}",
-            "put the lost motion into the controller's backlash parameter",
+        jump = format_length(float(jumps.max()))
+        found = Finding.error(
+            f"the correction jumps by {jump} at a reversal, allowed are {format_length(limits.reversal_jump)}",
+            "write one column for both directions, and put the lost motion into the controller's "
+            "backlash parameter",
             "reversal",
         )
+        yield replace(found, hint={"direction": "both"})
     if limits.acceleration is not None and limits.servo_period is not None:
         low, high = dead_zone(limits.acceleration, limits.servo_period)
         stuck = int(((jumps > low * (1 - _EDGE)) & (jumps <= high * (1 + _EDGE))).sum())

@@ -102,7 +102,8 @@ def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, 
         checks = ", ".join(dict.fromkeys(f.check for f in errors if f.check in CHECKS))
         way = f" (to write it all the same, say waive={checks!r})" if checks else ""
         refused = LimitError(f"{text}; nothing was written{way}")
-        refused.hints = tuple(dict(f.hint) for f in errors if f.hint)
+        hints = [dict(f.hint) for f in errors if f.hint]
+        refused.hints = tuple(h for k, h in enumerate(hints) if h not in hints[:k])
         raise refused
     return found
 

@@ -482,24 +482,25 @@ def _require_files(
     """Refuse a file that a key names and that is not a plain file, too large, or not to be read."""
     for i, (step, fields) in enumerate(tables):
         for key, name in named_in(step, fields):
-            # it is looked for beside the recipe, then where the process was started
-            target = folder / name if (folder / name).exists() else Path(name)
-            is_word = Path(name).name == name and not target.exists()  # such as a preset
-            if (
-                admits is not None
-                and not is_word
-                and not (admits(target) and admits(folder / name))
-            ):
-                raise place(i).error(
-                    f'{key} = "{name}": it lies outside the folders that were opened; open its folder '
-                    "too (--folder), or copy the file into one of them",
-                    key,
-                )
             try:
+                # it is looked for beside the recipe, then where the process was started
+                target = folder / name if (folder / name).exists() else Path(name)
+                is_word = Path(name).name == name and not target.exists()  # such as a preset
+                if (
+                    admits is not None
+                    and not is_word
+                    and not (admits(target) and admits(folder / name))
+                ):
+                    raise place(i).error(
+                        f'{key} = "{name}": it lies outside the folders that were opened; open its '
+                        "folder too (--folder), or copy the file into one of them",
+                        key,
+                    )
                 require_plain(target, MACHINE_BYTES if target.suffix == ".toml" else None)
-            except OSError as exc:
+            except (OSError, ValueError) as exc:
+                why = getattr(exc, "strerror", None) or exc  # a NUL in it is a ValueError
                 raise place(i).error(
-                    f'{key} = "{name}": {exc.strerror}; name a file that holds the data', key
+                    f'{key} = "{name[:80]}": {why}; name a file that holds the data', key
                 ) from None
 
 

@@ -246,9 +246,12 @@ def _sorted(place: Path, patterns: Iterable[str]) -> list[Path]:
 
 def _matching(place: Path, pattern: str) -> list[Path]:
     """Return the files of a pattern in a folder; a whole path names its file."""
-    if Path(pattern).is_absolute():
-        return [f for f in (Path(pattern),) if f.is_file()]
-    return [f for f in place.glob(pattern) if f.is_file()]
+    try:
+        found = [Path(pattern)] if Path(pattern).is_absolute() else place.glob(pattern)
+        return [f for f in found if f.is_file()]
+    except (OSError, ValueError, NotImplementedError, IndexError) as exc:
+        why = getattr(exc, "strerror", None) or exc
+        raise ReadError(f"{place}: {pattern[:80]!r} is not a name of files ({why})") from None
 
 
 def _in_order(place: Path, patterns: Iterable[str]) -> list[Path]:

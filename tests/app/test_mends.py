@@ -153,14 +153,18 @@ def test_a_button_of_a_refused_edit_makes_the_edit_with_what_it_lacked(tmp_path)
     assert document.text == before
 
 
-def of_runs(folder, **replaced):
-    """Open four runs of a lopsided bump over 50 mm, without feedrate or time."""
+def of_runs(folder, *, machine="max_points = 60", lost=0.0, **replaced):
+    """Open four runs of a lopsided bump over 50 mm, without feedrate or time; every other one back."""
     x = np.linspace(0.0, 50.0, 501)
     z = 2.0 * np.exp(-(((x - 15.0) / 4.0) ** 2))
-    noise = np.random.default_rng(3).normal(0.0, 2e-3, (4, x.size))
-    rows = [f"{r},{a:.3f},{b:.6f}" for r in range(4) for a, b in zip(x, z + noise[r], strict=True)]
+    noise = np.random.default_rng(3).normal(0.0, 2e-3, (10 if lost else 4, x.size))
+    rows = []
+    for r in range(len(noise)):
+        back = bool(lost and r % 2)
+        run = list(zip(x, z + noise[r] + lost * back, strict=True))
+        rows += [f"{r},{a:.3f},{b:.6f}" for a, b in (reversed(run) if back else run)]
     (folder / "runs.csv").write_text("\n".join(["run,x_mm,z_um", *rows]) + "\n")
-    text = RUNS
+    text = RUNS.replace("max_points = 60", machine)
     for old, new in replaced.items():
         text = text.replace(f'{old} = "', f'{old} = "{new}"  # "')
     (folder / "r.toml").write_text(text)
@@ -196,6 +200,43 @@ def test_a_table_that_cannot_be_sampled_gets_what_can(tmp_path, given, label):
     press(answers, mend)
     header, _ = answers.answer({"k": "table"})
     assert header.get("refused", {"check": "points"})["check"] == "points"
+
+
+FEED = 'feed = "1000 mm/min", '
+SLOW = ['velocity_share = "0.2 mm/min"', 'acceleration_share = "0.02 mm/s2"']
+
+
+@pytest.mark.parametrize(
+    "limits", [SLOW[:1], SLOW[1:], SLOW], ids=["velocity", "acceleration", "both"]
+)
+def test_a_table_that_the_axis_cannot_follow_gets_the_feed_at_which_it_can(tmp_path, limits):
+    answers = of_runs(tmp_path, machine=FEED + ", ".join(limits), spacing="1 mm")
+    refused = answers.answer({"k": "table"})[0]["refused"]
+    assert (
+        refused["checks"] == ["velocity", "acceleration"]
+        if len(limits) == 2
+        else len(refused["checks"]) == 1
+    )
+    (mend,) = refused["mends"]
+    press(answers, mend)
+    assert "refused" not in answers.answer({"k": "table"})[0]
+    feed = mend["edits"][0]["new"]
+    assert mend["label"] == f"Set feed = {feed}"
+    number = float(feed.removesuffix(" mm/min"))
+    assert 100.0 < number < 999.0
+    faster = {"path": mend["edits"][0]["path"], "old": feed, "new": f"{number + 2.0:g} mm/min"}
+    answers.answer({"k": "edit", "edits": [faster]})  # it was the fastest of three digits
+    assert answers.answer({"k": "table"})[0]["refused"]["mends"][0]["label"] == mend["label"]
+
+
+def test_a_table_that_jumps_at_a_reversal_is_written_as_one_column(tmp_path):
+    answers = of_runs(tmp_path, machine='reversal_jump = "0.1 um"', lost=0.5, spacing="1 mm")
+    refused = answers.answer({"k": "table"})[0]["refused"]
+    assert (refused["check"], "backlash parameter" in refused["message"]) == ("reversal", True)
+    (mend,) = refused["mends"]
+    assert mend["label"] == "Set direction = both"
+    press(answers, mend)
+    assert "refused" not in answers.answer({"k": "table"})[0]
 
 
 def test_runs_that_a_method_cannot_separate_get_one_that_can_wherever_they_are_asked_for(tmp_path):

@@ -22,6 +22,9 @@ pytestmark = pytest.mark.browser
 Opened = Callable[..., Any]
 Place = tuple[float, float]
 
+SHIFT = 8
+"""As the protocol of Chromium names the key."""
+
 PIXEL = 1.5
 """Of the screen: a drag ends within one, and the page rounds half a one."""
 
@@ -95,6 +98,12 @@ def a_rectangle(hand: Hand) -> None:
     hand.drag((1.0 * MM, 3.5 * MM), (2.2 * MM, 3.0 * MM))
 
 
+def a_crop(hand: Hand) -> None:
+    hand.page.press("x")
+    hand.page.press("x")
+    hand.drag((0.9 * MM, 5.4 * MM), (5.4 * MM, 0.8 * MM))
+
+
 CORNERS = [(1.0 * MM, 1.5 * MM), (3.0 * MM, 1.2 * MM), (2.4 * MM, 3.1 * MM)]
 
 
@@ -146,6 +155,15 @@ def an_angle(hand: Hand) -> None:
         hand.click(corner)
 
 
+def a_circle_through_three(hand: Hand) -> None:
+    hand.page.press("d")
+    hand.click(CORNERS[0])
+    hand.click(CORNERS[1])
+    x, y = hand.at(*CORNERS[2])
+    for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+        hand.page.mouse(kind, x, y, modifiers=SHIFT)
+
+
 def a_step(hand: Hand) -> None:
     hand.page.press("t")
     hand.drag((1.2 * MM, 2.0 * MM), (2.4 * MM, 2.9 * MM))
@@ -163,9 +181,9 @@ def the_extremes(hand: Hand) -> None:
 
 
 GESTURES = {
-    "circle": a_circle, "ring": a_ring, "rectangle": a_rectangle, "polygon": a_polygon,
+    "circle": a_circle, "ring": a_ring, "rectangle": a_rectangle, "crop": a_crop, "polygon": a_polygon,
     "free-hand": a_free_shape, "brush": a_brush, "section": a_section, "round section": a_round_section,
-    "distance": a_distance, "angle": an_angle, "step": a_step, "groove": a_groove, "extremes": the_extremes,
+    "distance": a_distance, "angle": an_angle, "circle3": a_circle_through_three, "step": a_step, "groove": a_groove, "extremes": the_extremes,
 }  # fmt: skip
 
 
@@ -201,6 +219,11 @@ def test_a_gesture_is_one_edit_and_one_undo_restores_the_bytes(
         assert metres(shape["width"]) == pytest.approx(1.2 * MM, abs=2 * near)
         assert metres(shape["height"]) == pytest.approx(0.5 * MM, abs=2 * near)
         assert is_at(shape["centre"], (1.6 * MM, 3.25 * MM))
+    elif name == "crop":
+        assert "outside" not in table  # what lies outside is removed
+        assert metres(shape["width"]) == pytest.approx(4.5 * MM, abs=2 * near)
+        assert metres(shape["height"]) == pytest.approx(4.6 * MM, abs=2 * near)
+        assert is_at(shape["centre"], (3.15 * MM, 3.1 * MM))
     elif name == "polygon":
         assert all(is_at(p, c) for p, c in zip(shape["points"], CORNERS, strict=True))
     elif name == "free-hand":
@@ -271,8 +294,22 @@ def test_all_gestures_together_give_the_bytes_of_metrosep_run(
     hand = Hand(page)
     for name, act in GESTURES.items():
         if name != "ring":
-            settled(page, lambda act=act: act(hand))
+            settled(page, lambda act=act: act(Hand(page)))
         page.press("Escape")
+    # moved by mouse and by keys, deleted by key, undone and done again
+    page.click('[data-shape="section 0"]')
+    settled(page, lambda: page.drag(page.middle('[data-grip="width"]'), (-24.0, -16.0)))
+    page.click('[data-shape="section 1"]')
+    settled(page, lambda: page.drag(page.middle('[data-grip="radius"]'), (-30.0, 0.0)))
+    page.run("document.querySelector('[data-grip=\"move\"]').focus()")
+    settled(page, lambda: page.press("ArrowLeft", shift=True))
+    page.click('[data-shape="step 2"]')
+    page.run("document.querySelector('[data-shape=\"step 2\"]').focus()")
+    settled(page, lambda: page.press("Delete"))
+    for _ in range(2):
+        settled(page, lambda: page.click("#undo"))
+    for _ in range(2):
+        settled(page, lambda: page.click("#redo"))
     theirs = same_bytes(page, map_file)
     found = {e["metric"]: e["value"] for e in json.loads(theirs)["characteristics"]}
     angle = np.subtract(CORNERS[0], CORNERS[1]), np.subtract(CORNERS[2], CORNERS[1])
@@ -281,6 +318,37 @@ def test_all_gestures_together_give_the_bytes_of_metrosep_run(
     assert found["section.distance1.lateral"] == pytest.approx(
         np.hypot(*angle[0]), abs=2 * hand.near
     )
+
+
+def test_what_menus_choose_gives_the_bytes_of_metrosep_run(opened: Opened, map_file: Path) -> None:
+    """Crop, filter and form from menus, a typed field, the order by buttons, a step switched off."""
+    page = opened(map_file)
+
+    def choose(selector: str, value: str) -> None:
+        page.run(
+            f"(() => {{ const e = document.querySelector('{selector}'); e.value = '{value}';"
+            "e.dispatchEvent(new Event('change')); })()"
+        )
+
+    settled(page, lambda: choose("#add-step", "crop"))
+    crop = Hand(page).data()["step"][1]
+    assert (crop["op"], crop["aperture"]["shape"]) == ("mask", "rectangle")
+    assert "outside" not in crop
+    assert metres(crop["aperture"]["width"]) == metres(crop["aperture"]["height"])
+    settled(page, lambda: page.click('[aria-label="Move step 2 up"]'))
+    settled(page, lambda: choose("#add-step", "filter"))
+    settled(page, lambda: choose(".editor [data-key=kind]", "spline"))
+    settled(page, lambda: choose("#add-step", "outliers"))
+    settled(page, lambda: page.click('[aria-label="Step 3, outliers: on"]'))
+    page.click('[data-step="3"] .pick')
+    settled(page, lambda: page.click("[data-form=sphere]"))
+    page.fill('[data-field="R"]', "200 mm")
+    settled(page, lambda: page.press("Tab"))
+    steps = Hand(page).data()["step"]
+    assert [s["op"] for s in steps] == ["mask", "filter", "outliers", "form", "parameters"]
+    assert (steps[3]["form"], steps[2]["enabled"]) == ("sphere: R=200 mm", False)
+    same_bytes(page, map_file)
+    assert page.errors == []
 
 
 def test_the_mask_that_was_drawn_takes_out_the_pixels_inside(

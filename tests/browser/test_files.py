@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -106,4 +107,61 @@ def test_the_newest_file_of_a_folder_and_a_file_written_again_are_followed(
     # a sphere takes little of noise: fifty times the first
     assert shown == pytest.approx(50e-6, abs=3e-6)
     assert half > 0
+    assert page.errors == []
+
+
+def rows_of(n: int, scale: float) -> str:
+    """Return a profile of one wave as text; the last line ends where the file is whole."""
+    x = np.arange(n) * 0.01
+    z = scale * np.sin(2 * np.pi * x / 0.5)
+    lines = [f"{a:.3f},{b:.6f}" for a, b in zip(x, z, strict=True)]
+    return "\n".join(["x_mm,z_um", *lines]) + "\n"
+
+
+def test_a_followed_file_that_is_half_written_cut_or_replaced_ends_with_its_own_numbers(
+    opened: Opened, tmp_path: Path
+) -> None:
+    """Written slowly, in pieces that end within a line; truncated; moved over by another one."""
+    file, told = tmp_path / "slow.csv", "document.getElementById('alerts').textContent"
+    file.write_text(rows_of(400, 1.0))
+    page = opened(file)
+
+    def shows(scale: float) -> None:
+        """Wait for RMS and P-V of a wave of this amplitude, with nothing left of what was said before."""
+        wanted, shown = scale * 1e-6 / np.sqrt(2), np.nan
+        for _ in range(200):
+            if page.run("document.querySelector('#status-full.done') !== null"):
+                shown, half = printed(page, "Pq")
+                if abs(shown - wanted) <= 2 * half + 0.02 * wanted:
+                    break
+            page.run("new Promise((go) => setTimeout(go, 100))")
+        said = page.run(f"[document.querySelector('dialog')?.textContent, {told}]")
+        assert shown == pytest.approx(wanted, abs=0.02 * wanted), said
+        assert page.run("document.querySelector('dialog') === null")
+        assert page.run(told) == ""
+
+    shows(1.0)
+    page.run(
+        "(() => { const e = document.getElementById('follow'); e.value = 'file';"
+        "e.dispatchEvent(new Event('change')); })()"
+    )
+    page.run("new Promise((go) => setTimeout(go, 1500))")
+    whole = rows_of(400, 3.0)
+    cuts = [0, 4, 10, len(whole) // 2 + 3, len(whole) - 9]
+    for old, new in itertools.pairwise([*cuts, len(whole)]):
+        with file.open("w" if old == 0 else "a") as stream:
+            stream.write(whole[old:new])
+        page.run("new Promise((go) => setTimeout(go, 3200))")  # it rests long enough to be opened
+    shows(3.0)
+    file.write_text("")  # a program that begins anew
+    page.run("new Promise((go) => setTimeout(go, 3200))")
+    other = tmp_path / "other.tmp"
+    other.write_text(rows_of(400, 7.0))
+    other.replace(file)
+    shows(7.0)
+    file.unlink()
+    page.run("new Promise((go) => setTimeout(go, 2500))")
+    file.write_text(rows_of(400, 2.0))
+    shows(2.0)
+    assert page.run("document.getElementById('follow').value") == "file"
     assert page.errors == []

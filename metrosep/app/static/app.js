@@ -74,7 +74,7 @@ const drawing = makeDrawing({
 
 const { save, exportResult } = makeExports({ wire, status: el("status-link"), session: () => session, take, fail });
 
-const follow = makeFollow(el("follow"), wire, (paths) => open(paths, true), fail);
+const follow = makeFollow(el("follow"), wire, (paths) => open(paths, true, false), fail);
 
 el("no-scale").append(scaleLine(edit, () => session, () => {
   const [a, b] = [views.map.get("a"), views.map.get("b")];
@@ -248,10 +248,10 @@ function failUnmade(/** @type {unknown} */ error, what = "this change was not ma
   else fail(error);
 }
 
-async function open(/** @type {string[]} */ paths, keep = false) {
+async function open(/** @type {string[]} */ paths, keep = false, asks = true) {
   drawFull("busy", "reading…");
   try {
-    const answer = await openPaths(wire, paths, {}, keep);
+    const answer = await openPaths(wire, paths, {}, keep, asks);
     drawFull("", "");
     if (!answer) return;
     clearAlerts();

@@ -51,7 +51,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
   const { change, insertOrAdd, drop, turn } = makeEdits({ session, edit, insert, say });
 
   function add(/** @type {Dict} */ table) {
-    chosen = insertOrAdd(table, keep) ?? chosen;
+    chosen = insertOrAdd(table, keep || tool === "crop") ?? chosen;
   }
 
   function remove() {

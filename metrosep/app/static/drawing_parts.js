@@ -10,7 +10,7 @@ import { dragged, kindOf, outline, pointText, simplified, written } from "./shap
 /** Tools: key, name, words. @type {[string, string, string][]} */
 export const TOOLS = [
   ["C", "circle", "Circle: drag from its centre; again for a ring"],
-  ["X", "rectangle", "Rectangle: drag from corner to corner"],
+  ["X", "rectangle", "Rectangle: drag from corner to corner; again to crop: what lies outside is removed"],
   ["P", "polygon", "Polygon: click its corners; Enter, a double click or the first corner closes it"],
   ["L", "free", "Free-hand: draw around what is meant"],
   ["B", "brush", "Brush: draw; the wheel changes its radius"],
@@ -23,7 +23,7 @@ export const TOOLS = [
 /** What sections are called, with a number. */
 const NAMES = /** @type {Dict} */ ({ line: "line", circle: "round", distance: "distance", angle: "angle", circle3: "circle", step: "step", groove: "groove", extremes: "spot" });
 /** Tools that a second press of their key turns into another. */
-export const SECOND = /** @type {Record<string, string>} */ ({ circle: "ring", step: "groove" });
+export const SECOND = /** @type {Record<string, string>} */ ({ circle: "ring", rectangle: "crop", step: "groove" });
 
 /** @param {Dict[]} sections @param {string} kind */
 export function nextName(sections, kind) {

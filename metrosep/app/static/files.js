@@ -39,13 +39,14 @@ export async function upload(file, token, set = "") {
  * @param {string[]} paths
  * @param {Record<string, string>} [reading]
  * @param {boolean} [keep] carry out the present recipe on them
+ * @param {boolean} [asks] false: nobody is there to answer, as where a file is followed that is half written
  * @returns {Promise<import("./wire.js").Answer | null>} null: given up
  */
-export async function openPaths(wire, paths, reading = {}, keep = false) {
+export async function openPaths(wire, paths, reading = {}, keep = false, asks = true) {
   try {
     return await wire.ask("open", { paths, reading, keep_recipe: keep });
   } catch (error) {
-    if (!(error instanceof Refusal) || !error.ask) throw error;
+    if (!asks || !(error instanceof Refusal) || !error.ask) throw error;
     const given = await askForm(question(error, reading));
     if (!given || !Object.values(given).some(Boolean)) return null;
     return openPaths(wire, paths, { ...reading, ...given }, keep);

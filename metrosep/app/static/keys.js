@@ -8,7 +8,7 @@ export const KEYS = [
   ["← → ↑ ↓", "move the focused handle by 1 pixel, with Shift by 10; pan the focused map"],
   ["+ -", "zoom the focused map; also the wheel"],
   ["F", "show all of the map or profile"],
-  ["C X P L B", "draw a circle or ring, rectangle, polygon, free-hand shape, brush"],
+  ["C X P L B", "draw a circle or ring, a rectangle to exclude or to crop, a polygon, free-hand shape, brush"],
   ["A G D", "draw a section, a round section, a distance or angle"],
   ["T M", "a step height or groove, a peak and valley"],
   ["N", "keep or exclude what is drawn"],

@@ -96,11 +96,10 @@ export function ownSize(kind, before, usual) {
 export function freshStep(op, kind, size) {
   const length = size > 0 ? size : 1e-3;
   const mm = (/** @type {number} */ v) => `${Number((v * 1e3).toPrecision(3))} mm`;
-  if (op === "mask") {
-    const aperture = kind === "map"
-      ? { shape: "circle", diameter: mm(0.9 * length), centre: "fit" }
-      : { shape: "rectangle", width: mm(0.9 * length), centre: "fit" };
-    return { op, aperture };
+  const width = mm(0.9 * length);
+  if (kind === "map" && op === "mask") return { op, aperture: { shape: "circle", diameter: width, centre: "fit" } };
+  if (op === "mask" || op === "crop") {
+    return { op: "mask", aperture: { shape: "rectangle", width, ...(kind === "map" ? { height: width } : {}), centre: "fit" } };
   }
   if (op === "form") return { op, form: kind === "map" ? "plane" : "polynomial: degree=1" };
   if (op === "filter") return { op, kind: "gaussian", lambda_c: near(length / 5) };

@@ -267,7 +267,7 @@ export function dragged(tool, a, b) {
   if (!(r > 0)) return null;
   if (tool === "circle") return { shape: "circle", diameter: size(2 * r), centre: centre(a) };
   if (tool === "ring") return { shape: "ring", diameter: size(2 * r), inner_diameter: size(r), centre: centre(a) };
-  if (tool === "rectangle") return w > 0 && h > 0 ? { shape: "rectangle", width: size(w), height: size(h), centre: centre(between(a, b)) } : null;
+  if (tool === "rectangle" || tool === "crop") return w > 0 && h > 0 ? { shape: "rectangle", width: size(w), height: size(h), centre: centre(between(a, b)) } : null;
   if (tool === "section") return { kind: "line", a: pointText(a), b: pointText(b) };
   if (tool === "round" || tool === "extremes") return { kind: tool === "round" ? "circle" : tool, centre: pointText(a), radius: size(r) };
   if (tool === "step" || tool === "groove") return { kind: tool, a: pointText(a), b: pointText(b), width: size(r / 2) };

@@ -169,7 +169,10 @@ export function makeTree(el, { edit, choose, size }) {
     select.add(new Option("+ add step…", ""));
     const fits = { map: "Surface", profile: "Profile", runs: "runs" }[session?.kind ?? ""] ?? "";
     if (!fits) return el_;
-    for (const one of schema.filter((step) => step.applies.includes(fits))) select.add(new Option(`${one.op}: ${one.what}`, one.op));
+    for (const one of schema.filter((step) => step.applies.includes(fits))) {
+      if (one.op === "mask") select.add(new Option("crop: keep a rectangle of a map, a piece of a profile", "crop"));
+      select.add(new Option(`${one.op}: ${one.what}`, one.op));
+    }
     select.addEventListener("change", () => {
       const op = select.value;
       select.value = "";

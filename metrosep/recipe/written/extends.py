@@ -182,6 +182,8 @@ def layers_of(text: str, name: str, folder: Path, admits: Admits | None = None) 
             chain.append((base.name, base.text, base.data()))
             continue
         target = place_of / wanted
+        if "\0" in wanted:
+            raise place.error('extends = "...": the name of a recipe has no NUL in it', "extends")
         if admits is not None and not admits(target):
             raise place.error(
                 f'extends = "{wanted}": it lies outside the folders that were opened; open its folder '
