@@ -390,13 +390,17 @@ class Model:
         """Return the covariance with what is not known of the noise in each octave, shape (N, N)."""
         k = np.arange(1, self.extension.n + 1)
         cycles = sum(r.length for r in self.runs) * k / self.extension.period
-        own = np.sqrt(level_spread(np.asarray(cycles), len(self.runs)))
-        grown = np.concatenate([own[:1], own, own, np.ones(self.n_extra)])
-        # The error of the solution is C A'n, and A'n has the covariance G: noise that is greater by
-        # some factors gives F G F. On C itself they would spoil what cancels on the travel.
-        plain = post.covariance()
-        more = self.total[0] * (np.outer(grown, grown) - 1.0)
-        return np.asarray(plain + plain @ more @ plain)
+        more = level_spread(np.asarray(cycles), len(self.runs)) - 1.0
+        louder = np.concatenate([more[:1], more, more, np.zeros(self.n_extra)])
+        # The error of the solution is C A'n, and A'n has the covariance G = R'R: noise that is
+        # greater by some factors F^2 gives R'F^2 R. R is the symmetric root, whose rows stay at their
+        # wavelengths and have no part in what no reading shows; F G F would widen that as well.
+        gram = self.total[0]
+        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+        root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T * scale
+        half = (np.sqrt(louder)[:, None] * root) @ post.full_root @ post.full_root.T
+        return np.asarray(post.covariance() + half.T @ half)
 
     def spread_of_spectrum(self, post: Posterior) -> FloatArray:
         """Return J (F + prior)^-1/2, what the learnt spectrum adds to the covariance (eq. 16)."""
