@@ -239,6 +239,7 @@ class Body:
         self._has_words = False  # whether a field said that nothing was measured
         self._markers = [m for m in options.missing or () if isinstance(m, float)]
         self.comments: list[str] = []
+        self._left = ""  # lines of a field in quotes that ends in the part that follows
         self.line = first  # number of the line that comes next
         self.last_row, self.last_line = "", 0
 
@@ -311,11 +312,12 @@ class Body:
     def take(self, text: str, *, last: bool) -> Iterator[Block]:
         r"""Yield the rows of the whole lines that come next, which end with ``\n``."""
         for part, is_last in _in_parts(text, _MANY * _PART, last=last):
-            block = self._quick_block(part)
+            block = None if self._left else self._quick_block(part)
             if block is not None:
                 yield block
                 continue
-            for small, is_end in _in_parts(part, _PART, last=is_last):
+            for piece, is_end in _in_parts(part, _PART, last=is_last):
+                small, self._left = self._left + piece, ""
                 one = self._quick_block(small) if len(small) < len(part) else None
                 block = self._slow_block(small, last=is_end) if one is None else one
                 if block.lines.size:
@@ -341,7 +343,9 @@ class Body:
     def _slow_block(self, text: str, *, last: bool) -> Block:
         first = self.line
         self.line += text.count("\n") + (not text.endswith("\n"))
-        return self._seen(self._line_by_line(text, first, last=last))
+        block = self._line_by_line(text, first, last=last)
+        self.line -= self._left.count("\n")
+        return self._seen(block)
 
     def _seen(self, block: Block) -> Block:
         """Note where the rows end, and make declared markers NaN."""
@@ -361,7 +365,7 @@ class Body:
             else:
                 self.ledger.add("footer", number, line)
         self._pending = []
-        if self.ledger.total != self.line - 1:
+        if self.ledger.total != self.line - 1 or self._left:
             raise self._file.corrupt(
                 "the lines do not add up",
                 expected=f"{self.line - 1} lines",
@@ -498,7 +502,7 @@ class Body:
         blanks = " " if dialect.separator == "\t" else None
         if self._unproven:
             self._prove(text)
-        for number, line in self._records(every, first):
+        for number, line in self._records(every, first, last=last):
             if options.skip_lines and options.sets_aside(number):
                 self.ledger.add("set aside", number, line)
                 continue
@@ -562,8 +566,13 @@ class Body:
         lines = np.array(numbers, dtype=np.int64)
         return Block(self._columns(rows, lines), lines)
 
-    def _records(self, every: Sequence[str], first: int) -> Iterator[tuple[int, str]]:
-        """Yield the number of each line and its text; a quoted field over several lines is joined."""
+    def _records(
+        self, every: Sequence[str], first: int, *, last: bool
+    ) -> Iterator[tuple[int, str]]:
+        """Yield the number of each line and its text; a quoted field over several lines is joined.
+
+        One that may end behind these lines is left for the part that follows.
+        """
         if not self._layout.dialect.quoted:
             yield from enumerate(every, first)
             return
@@ -571,7 +580,11 @@ class Body:
         for number, line in rest:
             more: list[str] = []
             if line.count('"') % 2:
-                more = lines_of_field(every[number - first :], self._may_be_row)
+                own = every[number - first :]
+                more = lines_of_field(own, self._may_be_row)
+                if not (more or last) and may_go_on(own, self._may_be_row):
+                    self._left = "".join(f"{rest_of}\n" for rest_of in own)
+                    return
                 self.ledger.count("data", len(more))
                 for _ in more:
                     next(rest)
@@ -831,6 +844,11 @@ def lines_of_field(lines: Sequence[str], is_row: Callable[[str], object]) -> lis
         if line.count('"') % 2:
             return list(lines[1 : k + 1])
     return []
+
+
+def may_go_on(lines: Sequence[str], is_row: Callable[[str], object]) -> bool:
+    """Return whether a field in quotes that does not close in the last lines of a part may close behind them."""
+    return len(lines) < _FIELD_LINES and not any(is_row(s.partition('"')[0]) for s in lines[1:])
 
 
 _FIELD_LINES = 12
