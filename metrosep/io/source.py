@@ -36,6 +36,7 @@ from metrosep.core.provenance import Step, hash_bytes
 __all__ = [
     "HDF5_MAGIC",
     "HEAD_BYTES",
+    "LOCAL_HEADER",
     "MAX_PIXELS",
     "RawFile",
     "entries_of",
@@ -54,6 +55,9 @@ HEAD_BYTES = 65536
 
 MAX_PIXELS = 2**28
 """Largest number of samples that a reader allocates unless ``max_pixels`` says otherwise."""
+
+LOCAL_HEADER = b"PK\x03\x04"
+"""First bytes of a zip archive."""
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file, which may stand behind a block of the user."""

@@ -32,33 +32,35 @@ from metrosep.io.text._rows import (
     DECIMAL_SHOWN,
     Block,
     Body,
-    Ledger,
-    bad_field,
     joined,
-    lines_of_field,
-    one_or_thousand,
-    refuse_quotes,
     row_in_comment,
 )
 from metrosep.io.text.dialect import (
     BEYOND,
     NO_COMMENT,
     NO_READING,
-    are_numbered_rows,
-    are_rows_like_comments,
     encoding_hint,
     find_column,
     find_layout,
     is_comment,
-    is_named_by_number,
-    is_rule,
     number_of,
     quantity,
     refuse_long,
-    unframed,
     unmeasured_rows,
 )
 from metrosep.io.text.encoding import decode, encoding_of, plain_ends
+from metrosep.io.text.lines import (
+    Ledger,
+    are_numbered_rows,
+    are_rows_like_comments,
+    bad_field,
+    is_named_by_number,
+    is_rule,
+    lines_of_field,
+    one_or_thousand,
+    refuse_quotes,
+    unframed,
+)
 from metrosep.io.text.preamble import BEGUN, Preamble
 from metrosep.io.text.quality import marked_bad, marker_of
 from metrosep.io.text.times import (
