@@ -51,10 +51,11 @@ from metrosep.io.text.table import (
     pick,
     refuse_marker,
     sensitivity,
+    since_first_row,
     to_si,
     without_empty_rows,
 )
-from metrosep.io.text.times import LONG_AGO_S, counted_moments, is_long_count
+from metrosep.io.text.times import counted_moments, is_long_count
 
 __all__ = [
     "FEW_COLUMNS",
@@ -450,14 +451,10 @@ class _Made:
                 self.table = table = without_empty_rows(table)
                 timed = replace(table[timed.name], unit=timed.unit)
             t = to_si(self.file, timed, timed.unit, dimension="time", role="time")
-            if timed.unit is not None and np.fmin.reduce(np.abs(t), initial=np.inf) > LONG_AGO_S:
-                since, first = table.since_first(timed)
-                t = since * timed.unit.factor
-                said = (
-                    f"column {timed.name!r} counts from a date; its time is given from the first row, which is at "
-                    f"{first} {timed.unit.name}"
-                )
-                self.table = table = replace(table, warnings=(*table.warnings, said))
+            dated = since_first_row(table, timed, timed.unit)
+            if dated is not None and timed.unit is not None:
+                t = dated[0] * timed.unit.factor
+                self.table = table = replace(table, warnings=(*table.warnings, dated[1]))
             unknown = np.flatnonzero(~np.isfinite(t))
             if unknown.size and "separator" in table.header:
                 line = int(table.lines[unknown[0]])

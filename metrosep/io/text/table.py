@@ -64,6 +64,7 @@ from metrosep.io.text.lines import (
 from metrosep.io.text.preamble import BEGUN, Preamble
 from metrosep.io.text.quality import marked_bad, marker_of
 from metrosep.io.text.times import (
+    LONG_AGO_S,
     Entries,
     Moments,
     is_long_count,
@@ -84,6 +85,7 @@ __all__ = [
     "read_table",
     "refuse_marker",
     "sensitivity",
+    "since_first_row",
     "text_of",
     "to_si",
     "without_empty_rows",
@@ -857,6 +859,25 @@ def to_si(
             f"{'an' if dimension[:1] in 'aeiou' else 'a'} {dimension} is needed; name another column"
         )
     return np.asarray(column.values * unit.factor)
+
+
+def since_first_row(
+    table: Table, column: Column, unit: Unit | None
+) -> tuple[FloatArray, str] | None:
+    """Return a time that counts from a date as counts from its first row, and the sentence that says so.
+
+    A float of seconds since 1970 holds 0.24 us.
+    """
+    if unit is None or unit.dimension != "time" or column.values is None:
+        return None
+    least = np.fmin.reduce(np.abs(column.values), initial=np.inf)
+    if not LONG_AGO_S < least * unit.factor < np.inf:
+        return None
+    since, first = table.since_first(column)
+    return since, (
+        f"column {column.name!r} counts from a date; its time is given from the first row, which is at {first} "
+        f"{unit.name}"
+    )
 
 
 def sensitivity(scale: float | str | None) -> float | None:
