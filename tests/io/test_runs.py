@@ -1,8 +1,8 @@
 """read_runs: units, feeds, directions and clocks, and every way they can contradict each other."""
 
 import contextlib
-import importlib
 import hashlib
+import importlib
 import tracemalloc
 
 import numpy as np

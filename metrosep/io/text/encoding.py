@@ -42,7 +42,9 @@ ROLE_WORDS: Final[dict[Role, str]] = {
     "direction": "direction dir richtung sens verso sentido dirección 方向 направление",
     "angle": "angle theta phi rotation c winkel drehwinkel angolo ángulo 角度 回転角 угол",
     "temperature": "temp temperature temperatur température temperatura 温度 температура",
-    "index": "no nr index sample point lfdnr punkt punto 序号 点 番号",
+    "index": "no nr n n° num number # i k id idx index row line rec record obs seq count counter sample point "
+    "lfdnr nummer zeile zähler datensatz punkt pkt messpunkt numéro ligne numero riga progressivo "
+    "punto número núm fila línea 序号 编号 行号 行 点 番号 行番号 連番 項番 ナンバー номер п/п строка точка",
 }
 """What columns are called in English, German, French, Italian, Spanish, Chinese, Japanese and Russian."""
 

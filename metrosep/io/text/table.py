@@ -108,6 +108,7 @@ _CONTAINERS = (b"PK\x03\x04", b"SQLite format 3\x00", b"PAR1", b"ARROW1")
 _DECLARATION = re.compile(r'\s*"?sep=(.)"?\s*', re.IGNORECASE)
 _RUN = re.compile(r'"?run"?\s*[,;\t]')
 _SEPARATOR = re.compile(r"[,;\t]")
+_NUMBER_SIGN = re.compile(r'\s*("#"|#)\s*[,;\t|]')
 _BLANKS = re.compile(r"\n+")
 
 
@@ -715,7 +716,9 @@ class TableHead:
                 continue
             self._ledger.add(kind, place, line)
             if kind == "comment":
-                self.comments.append(line.strip().lstrip('#%!;/" \t').rstrip('"'))
+                is_named = _NUMBER_SIGN.match(line)  # the name of the first column is #
+                marks = " \t" if is_named else '#%!;/" \t'
+                self.comments.append(line.strip().lstrip(marks).rstrip('"'))
         preamble.take_comment(self.comments)
         kinds |= dict.fromkeys(preamble.rest(), "preamble")
         for place, line in content[: layout.start]:
