@@ -8,6 +8,8 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
+import numpy as np
+
 from metrosep.core.errors import AmbiguousFormatError, CorruptFileError
 from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import NO_READING, NUMBER_LIKE, is_comment
@@ -17,6 +19,7 @@ __all__ = [
     "are_numbered_rows",
     "are_rows_like_comments",
     "bad_field",
+    "cut_off",
     "is_drawn",
     "is_named_by_number",
     "is_rule",
@@ -156,6 +159,27 @@ def bad_field(
         found=repr(field[:40]),
         hint=f"correct that line, or give {options}",
     )
+
+
+def cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:
+    """Return the warning about a last row without a line end; one that is visibly cut is refused."""
+    lengths = [len(text) for text in content[-_TAIL:].split("\n")[1:-1] if text.strip()]
+    if lengths and 2 * len(row.strip()) < float(np.median(lengths)):
+        raise file.corrupt(
+            "the file ends in the middle of a row",
+            field=f"line {line} ({row.strip()[:60]!r})",
+            hint=f"copy the file again, or leave that line out with skip_lines='{line}'",
+        )
+    return [
+        (
+            f"line {line}, the last one, has no line end: whether its last number is whole cannot be seen; "
+            "compare it with the source of the file"
+        )
+    ]
+
+
+_TAIL = 5000
+"""Characters of the last rows, whose lengths show whether the last one is whole."""
 
 
 # ---- tables as they are drawn for a person: frames, rules between rows, rows named #1, #2, #3 ----

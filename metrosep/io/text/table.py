@@ -54,6 +54,7 @@ from metrosep.io.text.lines import (
     are_numbered_rows,
     are_rows_like_comments,
     bad_field,
+    cut_off,
     is_named_by_number,
     is_rule,
     lines_of_field,
@@ -94,7 +95,6 @@ __all__ = [
 _SAMPLE = 300
 """Rows that are looked at first; further ones come from `_PLACES` parts of the rest."""
 _PLACES, _PLACE = 9, 2000
-_TAIL = 5000
 _FIRST_PART = 20_000
 """Characters that show whether all rows begin with the mark of a comment."""
 _LONG_FIELD = 2000
@@ -401,6 +401,7 @@ class TextTable:
             return
         with file.stream() as handle:
             raw = handle.read(_BLOCK)
+            file.demand_bytes(len(raw) + max(file.size - _BLOCK, 0))
             top = _plain(file, raw[: raw.rfind(_end_of(raw)) + 1], self._encoding, 0)
             self._first_part = top[:_FIRST_PART]
             top = unframed(top, self._first_part)
@@ -486,6 +487,7 @@ class TextTable:
                 part = _plain(self._file, raw, self._encoding, n_bytes)
                 yield unframed(part, self._first_part), not follows
                 n_bytes += len(raw)
+        self._file.demand_bytes(n_bytes)
 
 
 _BLOCK = 2**22
@@ -601,23 +603,6 @@ def _rules_between(table: Table) -> int:
         if int(first) < table.lines[0] or int(first) > table.lines[-1]:
             n -= int(last or first) - int(first) + 1
     return n
-
-
-def cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:
-    """Return the warning about a last row without a line end; one that is visibly cut is refused."""
-    lengths = [len(text) for text in content[-_TAIL:].split("\n")[1:-1] if text.strip()]
-    if lengths and 2 * len(row.strip()) < float(np.median(lengths)):
-        raise file.corrupt(
-            "the file ends in the middle of a row",
-            field=f"line {line} ({row.strip()[:60]!r})",
-            hint=f"copy the file again, or leave that line out with skip_lines='{line}'",
-        )
-    return [
-        (
-            f"line {line}, the last one, has no line end: whether its last number is whole cannot be seen; "
-            "compare it with the source of the file"
-        )
-    ]
 
 
 class TableHead:
