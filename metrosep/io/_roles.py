@@ -48,7 +48,7 @@ def role_of(name: str) -> Role | None:
     ``x_mm`` is a position, ``probe reading`` a height; ``z_norm`` is neither, since one letter is a
     name only where it stands alone.
     """
-    bare = header_unit(name)[0]
+    bare, unit = header_unit(name)
     whole = _ROLES.get(_plain(bare))
     if whole is not None:
         return whole
@@ -56,6 +56,8 @@ def role_of(name: str) -> Role | None:
     found = {role for w in words if (role := _ROLES.get(_plain(w))) is not None}
     if found == {"run", "index"}:
         return "run"  # Run No., Messung Nr.
+    if "index" in found and len(found) == 2 and unit is None:
+        return "index"  # Pos.-Nr., Reading no.
     return found.pop() if len(found) == 1 else None
 
 

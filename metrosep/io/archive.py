@@ -15,11 +15,10 @@ from contextlib import contextmanager
 from pathlib import PurePosixPath
 
 from metrosep.core.errors import CorruptFileError, ReadError, UnsupportedFeatureError
-from metrosep.io.source import RawFile
+from metrosep.io.source import LOCAL_HEADER, RawFile
 
-__all__ = ["LOCAL_HEADER", "Archive", "xml_of", "zip_members"]
+__all__ = ["Archive", "xml_of", "zip_members"]
 
-LOCAL_HEADER = b"PK\x03\x04"
 _SHOWN = 2**16
 """Bytes of a member that a recogniser looks at."""
 

@@ -18,7 +18,7 @@ from typing import Any
 
 from metrosep.core.errors import CorruptFileError, ReadError
 from metrosep.core.units import parse_unit
-from metrosep.io.source import RawFile, has_hdf5_magic
+from metrosep.io.source import LOCAL_HEADER, RawFile, has_hdf5_magic
 
 __all__ = [
     "LAYOUT_LINES",
@@ -101,13 +101,14 @@ class Marks:
         return Match.YES if found else Match.NO
 
     def _in_archive(self, file: RawFile) -> Match:
-        from metrosep.io.archive import LOCAL_HEADER, zip_members
+        if not file.head.startswith(LOCAL_HEADER):
+            return Match.NO
+        from metrosep.io.archive import zip_members
 
-        members = zip_members(file)
-        if any(re.search(self.member or "", name) for name in members):
+        if any(re.search(self.member or "", name) for name in zip_members(file)):
             return Match.YES
         named = bool(self.suffix) and file.name.lower().endswith(self.suffix)
-        return Match.MAYBE if named and file.head.startswith(LOCAL_HEADER) else Match.NO
+        return Match.MAYBE if named else Match.NO
 
     def _in_text(self, file: RawFile) -> bool:
         from metrosep.io.text.encoding import head_text

@@ -34,6 +34,7 @@ from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.io.declared import LAYOUT_LINES, Marks, Match, Structure, marks_of, preview
 from metrosep.io.source import RawFile, entries_of, format_folder as _format_folder, open_file
+from metrosep.io.text.encoding import zero_byte
 
 __all__ = [
     "Format",
@@ -77,10 +78,8 @@ _INSTEAD = {
 }
 """How files begin that are known and not read, and what to do with them."""
 
-_LF = b"\n"
 _FEW_LINES = 20
 """Lines of a text that may be all header."""
-_UNPRINTED = bytes({*range(0x20)} - {*b"\t\n\f\r"})
 
 _KEYS = frozenset(
     {"id", "title", "vendor", "kind", "suffixes", "reader", "reads", "writes", "status"}
@@ -366,15 +365,11 @@ def find(file: RawFile) -> Format:
     for start, instead in _INSTEAD.items():
         if re.match(start, file.head, re.DOTALL | re.IGNORECASE):
             raise UnknownFormatError(f"{file.path}: {instead}")
-    text, zero, _ = file.head.partition(b"\0")
-    if zero and text.count(b"\n") > 1 and text.translate(None, _UNPRINTED) == text:
-        raise UnknownFormatError(
-            f"{file.path}: line {text.count(_LF) + 1} holds a byte of value 0, which no text has; a program that "
-            "was stopped leaves such ends: copy the file again, or cut it off before that line"
-        )
+    if odd := zero_byte(file.head):
+        raise UnknownFormatError(f"{file.path}: {odd}")
     lines = [line for line in file.head.splitlines() if line.strip()]
     if (
-        not zero
+        b"\0" not in file.head
         and 0 < len(lines) <= _FEW_LINES
         and not any(re.search(rb"(?<!\w)\d", s) for s in lines[1:])
     ):

@@ -26,8 +26,9 @@ from metrosep.core.units import (
 )
 from metrosep.io.runs import columns_of
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.text.dialect import Dialect, unframed
+from metrosep.io.text.dialect import Dialect
 from metrosep.io.text.encoding import decode
+from metrosep.io.text.lines import unframed
 from metrosep.io.text.table import (
     Column,
     ColumnSpec,
@@ -163,7 +164,7 @@ def _cell_texts(file: RawFile, table: Table, column: Column) -> list[str]:
     lines = unframed(text, text).split("\n")
     place = table.names.index(column.name)
     rows = dialect.split(lines[n - 1] for n in table.lines.tolist())
-    return [row[place].strip() for row in rows]
+    return [row[place].strip() if place < len(row) else "" for row in rows]
 
 
 def _text(column: Any) -> str:

@@ -53,6 +53,7 @@ from metrosep.io.text.table import (
     pick,
     read_table,
     sensitivity,
+    since_first_row,
     text_of,
     to_si,
     without_empty_rows,
@@ -187,6 +188,8 @@ def _runs_from(
             clocked = replace(request, time=TIME)
         if not counted:
             table = without_empty_rows(table)
+        if clocked.time is not None:
+            table = _from_first_row(file, table, clocked.time)
         said = (
             *table.warnings,
             *(interruption(table) if clocked.time is None else ()),
@@ -335,6 +338,16 @@ def runs_of(held: list[Source], specs: Mapping[str, Any], *, angles: bool = Fals
     optional = dict.fromkeys(("run", "direction", "time", "sampling_rate", "scale"))
     request = _Request(**{**optional, **asked}, n_files=1, angles=angles)
     return _runs_from((held.pop() for _ in range(1)), [feed], request)
+
+
+def _from_first_row(file: RawFile, table: Table, time: ColumnSpec) -> Table:
+    """Return the table with a time that counts from a date counted from the first row."""
+    column, unit = pick(file, table, time, role="time")
+    dated = since_first_row(table, column, unit)
+    if dated is None:
+        return table
+    columns = tuple(replace(c, values=dated[0]) if c is column else c for c in table.columns)
+    return replace(table, columns=columns, warnings=(*table.warnings, dated[1]))
 
 
 def _other_places(file: RawFile, table: Table, request: _Request) -> Iterator[str]:

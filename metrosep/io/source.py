@@ -36,6 +36,7 @@ from metrosep.core.provenance import Step, hash_bytes
 __all__ = [
     "HDF5_MAGIC",
     "HEAD_BYTES",
+    "LOCAL_HEADER",
     "MAX_PIXELS",
     "RawFile",
     "entries_of",
@@ -54,6 +55,9 @@ HEAD_BYTES = 65536
 
 MAX_PIXELS = 2**28
 """Largest number of samples that a reader allocates unless ``max_pixels`` says otherwise."""
+
+LOCAL_HEADER = b"PK\x03\x04"
+"""First bytes of a zip archive."""
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file, which may stand behind a block of the user."""
@@ -140,7 +144,19 @@ class RawFile:
                 "once; cut the recording into parts, or read it in chunks with metrosep.io.stream"
             )
         with _explained(self.path):
-            return self.path.read_bytes()
+            data = self.path.read_bytes()
+        self.demand_bytes(len(data))
+        return data
+
+    def demand_bytes(self, n: int) -> None:
+        """Refuse a file of which fewer bytes came than it had when it was opened."""
+        if n < self.size:
+            raise self.corrupt(
+                "became shorter while it was read",
+                expected=f"{self.size} bytes",
+                found=f"{n}",
+                hint="another program writes it anew: read it again when that is done",
+            )
 
     def hash_aside(self) -> None:
         """Begin to hash a large file in a second thread, since the hash will be needed."""
@@ -151,7 +167,9 @@ class RawFile:
     def head(self) -> bytes:
         """The first `HEAD_BYTES` bytes."""
         with self.stream() as handle:
-            return handle.read(HEAD_BYTES)
+            head = handle.read(HEAD_BYTES)
+        self.demand_bytes(len(head) + max(self.size - HEAD_BYTES, 0))
+        return head
 
     @cached_property
     def head_lines(self) -> bytes:
@@ -282,9 +300,11 @@ def open_file(path: str | os.PathLike[str]) -> RawFile:
     for magic, module in _PACKED.items():
         if start.startswith(magic):
             opened = partial(importlib.import_module(module).open, where, "rb")
-    return (
-        RawFile(where) if opened is None else RawFile(where, _unpacked(where, opened, size), where)
-    )
+    if opened is not None:
+        return RawFile(where, _unpacked(where, opened, size), where)
+    file = RawFile(where)
+    file.__dict__["size"] = size  # if it is cut from here on, that is seen
+    return file
 
 
 def _only_member(path: Path) -> Callable[[], Any] | None:

@@ -134,3 +134,23 @@ def test_a_quote_far_from_every_line_of_the_sample_is_a_quote(tmp_path):
     assert read.x[5_500] == float(X[5_500]) * 1e-3
     assert read.z[5_500] == float(Z[5_500]) * 1e-6
     assert read.metadata["lines"]["data"] == len(rows)
+
+
+@pytest.mark.parametrize("part", [2**20, 2**22])
+def test_a_field_over_several_lines_may_lie_anywhere(tmp_path, part):
+    path, wide = tmp_path / "a.csv", "w" * 300
+    n = part // len(wide) + 400
+    rows = [f"{0.01 * k:.2f},{k % 97},{wide}" for k in range(n)]
+    at = 1 + "\n".join(["t_s,z_um,note", *rows]).encode()[:part].count(b"\n")
+    for k in (
+        at - 2,
+        at - 1,
+        at,
+    ):  # rows before and behind the end of a part, and the one across it
+        odd = f'{0.01 * k:.2f},{k % 97},"{wide}\nsecond, line\n{wide}"'
+        path.write_text("\n".join(["t_s,z_um,note", *rows[:k], odd, *rows[k + 1 :]]) + "\n")
+
+        read = ms.read(path)
+        assert np.array_equal(read.channels["z_um"], np.arange(n) % 97 * 1e-6)
+        assert np.array_equal(read.t, np.array([float(f"{0.01 * i:.2f}") for i in range(n)]))
+        assert read.metadata["lines"]["data"] == n + 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
 
 import metrosep as ms
@@ -161,3 +162,22 @@ def test_a_stream_over_new_year_does_not_fall_by_thirty_years(tmp_path):
     assert list(ms.read(path).t) == [0.0, 1.0, 2.0, 3.0]
     with open_stream(path) as stream, pytest.raises(ReadError, match=r"line 4: .*with the year"):
         list(stream.chunks(10))
+
+
+@pytest.mark.parametrize("digits", [9, 6, 3, 0])
+def test_runs_keep_every_digit_of_a_count_from_a_date(tmp_path, digits):
+    unit = {9: "s", 6: "ms", 3: "us", 0: "ns"}[digits]
+    ns = [1_767_225_600_123_456_789 + 1_000_037 * k + (k % 7) for k in range(60)]
+    path = tmp_path / "runs.csv"
+    rows = []
+    for k, count in enumerate(ns):
+        whole, rest = divmod(count, 10**digits)
+        stamp = f"{whole}.{rest:0{digits}d}" if digits else f"{whole}"
+        rows.append(f"{k // 30};{stamp};{k % 30};{k % 7}")
+    path.write_text("\n".join([f"run;time_{unit};x_mm;z_um", *rows]) + "\n")
+
+    runs = ms.read_runs(path, x="x_mm", z="z_um", run="run", time=f"time_{unit}")
+
+    t = np.concatenate([r.t for r in runs])
+    np.testing.assert_allclose(t, [(v - ns[0]) * 1e-9 for v in ns], rtol=0.0, atol=1e-15)
+    assert any("counts from a date" in w for w in runs.metadata["warnings"])

@@ -674,3 +674,40 @@ def test_degrees_of_a_temperature_are_no_angle_and_seconds_of_an_angle_no_clock(
     )
     with pytest.raises(UnitError, match="Sekunden"):
         ms.read(file)
+
+
+ROW_NUMBERS = [
+    "No.", "Row #", "#", "N", "Sample", "line", "ID", "Nr.", "lfd. Nr.", "Zeile", "Messpunkt", "Pos.-Nr.",
+    "N°", "n° de ligne", "Num.", "Numéro", "Ligne", "N.", "n. riga", "Riga", "N. punto", "Núm.", "n.º", "Fila",
+    "序号", "编号", "行号", "番号", "行番号", "No．", "連番", "№", "№ п/п", "Номер",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ROW_NUMBERS)
+def test_a_column_that_numbers_the_rows_is_not_measured(put, name):
+    rows = [f"{k + 1};{0.5 * k};{k % 5}.25" for k in range(20)]
+    of_places = ms.read(put("\n".join([f"{name};x_mm;z_um", *rows]) + "\n"))
+    of_times = ms.read(put("\n".join([f"{name};t_s;probe_um", *rows]) + "\n"))
+
+    assert of_places.x.tolist() == [0.5e-3 * k for k in range(20)]
+    assert of_places.z.tolist() == [float(f"{k % 5}.25") * 1e-6 for k in range(20)]
+    assert list(of_times.channels) == ["probe_um"]
+
+
+def test_row_numbers_that_jump_say_where_rows_may_be_missing(put):
+    rows = [f"{k + 1 + (k > 11)};{0.5 * k};{k % 5}.25" for k in range(20)]
+    read = ms.read(put("\n".join(["N°;t_s;probe_um", *rows]) + "\n"))
+
+    assert list(read.channels) == ["probe_um"]
+    assert any("line 14" in w and "from 12 to 14" in w for w in read.metadata["warnings"])
+
+
+@pytest.mark.parametrize(
+    "column",
+    [[2 * k for k in range(20)], [k // 2 for k in range(20)], [0.5 * k for k in range(20)]],
+)
+def test_a_column_with_the_name_of_a_number_that_counts_no_rows_stays(put, column):
+    rows = [f"{n};{0.5 * k};{k % 5}.25" for k, n in enumerate(column)]
+    read = ms.read(put("\n".join(["N;t_s;probe_um", *rows]) + "\n"))
+
+    assert read.channels["N"].tolist() == column

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 import numpy as np
 
 from metrosep.core.errors import FormatMismatchError
-from metrosep.io.archive import LOCAL_HEADER, Archive, xml_of
-from metrosep.io.source import RawFile
+from metrosep.io.archive import Archive, xml_of
+from metrosep.io.source import LOCAL_HEADER, RawFile
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element

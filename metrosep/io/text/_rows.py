@@ -9,10 +9,8 @@ reason that the rest fits.
 from __future__ import annotations
 
 import contextlib
-import csv
 import re
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -41,11 +39,19 @@ from metrosep.io.text.dialect import (
     Layout,
     bare_unit,
     is_comment,
+    n_used,
+    refuse_long,
+)
+from metrosep.io.text.lines import (
+    Ledger,
+    bad_field,
     is_drawn,
     is_named_by_number,
     is_rule,
-    n_used,
-    refuse_long,
+    lines_of_field,
+    may_go_on,
+    one_or_thousand,
+    refuse_quotes,
 )
 from metrosep.io.text.quality import changes_row
 
@@ -53,17 +59,9 @@ __all__ = [
     "DECIMAL_SHOWN",
     "Block",
     "Body",
-    "Ledger",
-    "bad_field",
     "joined",
-    "lines_of_field",
-    "one_or_thousand",
-    "refuse_quotes",
     "row_in_comment",
 ]
-
-_LISTED: Final = 100
-"""Lines of a class that are listed with their text."""
 
 _PART: Final = 2**20
 """Characters that are parsed at once: what is odd in one part does not slow the others."""
@@ -101,64 +99,6 @@ def _names_unit(comment: str) -> bool:
     """Whether a comment names a unit that readings may have: they may have changed to it."""
     units = (bare_unit(w) for w in _APART.split(comment) if len(w) > 1 and w != "in")
     return any(u is not None and u.dimension in ("length", "angle", "voltage") for u in units)
-
-
-class Ledger:
-    """How many lines of each class there are, and which they are."""
-
-    def __init__(self) -> None:
-        self._counts: Counter[str] = Counter()
-        self._listed: dict[str, list[tuple[int, str]]] = {}
-        self._ranges: dict[str, list[list[int]]] = {}
-
-    def add(self, kind: str, number: int, line: str) -> None:
-        """Enter one line of a class that is listed."""
-        self._counts[kind] += 1
-        self.note(kind, number, line)
-
-    def note(self, kind: str, number: int, line: str) -> None:
-        """List a line, or what stands in one that is counted elsewhere."""
-        listed = self._listed.setdefault(kind, [])
-        if len(listed) < _LISTED:
-            listed.append((number, line.strip()[:200]))
-        ranges = self._ranges.setdefault(kind, [])
-        if ranges and ranges[-1][1] == number - 1:
-            ranges[-1][1] = number
-        else:
-            ranges.append([number, number])
-
-    def count(self, kind: str, n: int) -> None:
-        """Enter lines of a class that is only counted: data, blank."""
-        self._counts[kind] += n
-
-    def __getitem__(self, kind: str) -> int:
-        return self._counts[kind]
-
-    @property
-    def total(self) -> int:
-        """Lines of all classes."""
-        return sum(self._counts.values())
-
-    def texts(self, kind: str) -> list[str]:
-        """Return the texts of the listed lines of a class."""
-        return [text for _, text in self._listed.get(kind, [])]
-
-    def first(self, kind: str) -> tuple[int, str]:
-        """Return number and text of the first line of a class."""
-        return self._listed[kind][0]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the count of each class and, of all but data and blank, numbers and texts."""
-        listed = {
-            kind: {
-                "numbers": ", ".join(
-                    f"{a}" if a == b else f"{a}-{b}" for a, b in ranges[:_LISTED]
-                ),
-                "texts": tuple(text for _, text in self._listed[kind]),
-            }
-            for kind, ranges in self._ranges.items()
-        }
-        return {"total": self.total, **self._counts, "listed": listed}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -231,6 +171,10 @@ class Body:
             None
         ] * self._n  # and the first such as 1.000
         self._surplus: list[int] = []
+        self._lacking: list[int] = []  # lines of rows without their last fields
+        self._short: tuple[int, str, int] | None = None  # the first of which the numbers end early
+        self._n_short = 0
+        self._has_whole = False  # whether a row had all its fields
         self._like_rows: list[int] = []  # lines with the mark of a comment and the fields of a row
         self._telling: list[tuple[int, str]] = []  # comments within that name a unit or a fault
         self._beyond: list[tuple[int, str]] = []
@@ -239,6 +183,7 @@ class Body:
         self._has_words = False  # whether a field said that nothing was measured
         self._markers = [m for m in options.missing or () if isinstance(m, float)]
         self.comments: list[str] = []
+        self._left = ""  # lines of a field in quotes that ends in the part that follows
         self.line = first  # number of the line that comes next
         self.last_row, self.last_line = "", 0
 
@@ -252,6 +197,11 @@ class Body:
                 f"{mark!r} was read as the mark between groups of three digits, since a column holds numbers "
                 f"of three digits and fewer beside others with {mark!r} before three digits; if it is the "
                 f"decimal mark, give decimal='{mark}'"
+            )
+        if self._lacking:
+            found.append(
+                f"{_rows(len(self._lacking))} fewer fields than there are names (first: line "
+                f"{self._lacking[0]}); the last ones, up to {self._names[-1]!r}, count as empty"
             )
         if self._surplus:
             found.append(
@@ -311,11 +261,12 @@ class Body:
     def take(self, text: str, *, last: bool) -> Iterator[Block]:
         r"""Yield the rows of the whole lines that come next, which end with ``\n``."""
         for part, is_last in _in_parts(text, _MANY * _PART, last=last):
-            block = self._quick_block(part)
+            block = None if self._left else self._quick_block(part)
             if block is not None:
                 yield block
                 continue
-            for small, is_end in _in_parts(part, _PART, last=is_last):
+            for piece, is_end in _in_parts(part, _PART, last=is_last):
+                small, self._left = self._left + piece, ""
                 one = self._quick_block(small) if len(small) < len(part) else None
                 block = self._slow_block(small, last=is_end) if one is None else one
                 if block.lines.size:
@@ -333,6 +284,7 @@ class Body:
         columns = self._fast(text, n_lines, n_marks, first)
         if columns is None:
             return None
+        self._take_whole()
         self.line += n_lines
         self.ledger.count("data", n_lines)
         self.last_row = text[text.rfind("\n", 0, len(text) - 1) + 1 :]
@@ -341,7 +293,9 @@ class Body:
     def _slow_block(self, text: str, *, last: bool) -> Block:
         first = self.line
         self.line += text.count("\n") + (not text.endswith("\n"))
-        return self._seen(self._line_by_line(text, first, last=last))
+        block = self._line_by_line(text, first, last=last)
+        self.line -= self._left.count("\n")
+        return self._seen(block)
 
     def _seen(self, block: Block) -> Block:
         """Note where the rows end, and make declared markers NaN."""
@@ -355,13 +309,15 @@ class Body:
 
     def finish(self) -> None:
         """Close the table: what still waits is a footer or blank; every line must be accounted for."""
+        if self._short is not None and self._n_short == 1 and self._has_whole:
+            raise self._wrong_count(*self._short, at_end=not any(not e for *_, e in self._pending))
         for number, line, empty in self._pending:
             if empty:
                 self.ledger.count("blank", 1)
             else:
                 self.ledger.add("footer", number, line)
         self._pending = []
-        if self.ledger.total != self.line - 1:
+        if self.ledger.total != self.line - 1 or self._left:
             raise self._file.corrupt(
                 "the lines do not add up",
                 expected=f"{self.line - 1} lines",
@@ -498,7 +454,7 @@ class Body:
         blanks = " " if dialect.separator == "\t" else None
         if self._unproven:
             self._prove(text)
-        for number, line in self._records(every, first):
+        for number, line in self._records(every, first, last=last):
             if options.skip_lines and options.sets_aside(number):
                 self.ledger.add("set aside", number, line)
                 continue
@@ -538,6 +494,12 @@ class Body:
                 continue
             if used > self._n and self._has_remark(number, fields[:used]):
                 used = self._n
+            if len(fields) >= self._n:
+                self._take_whole()
+            elif self._may_lack(
+                number, line, len(fields), numbers[-1] if numbers else self.last_line
+            ):
+                fields = [*fields, *[""] * (self._n - len(fields))]
             if len(fields) < self._n or used > self._n:
                 at_end = last and not any(rest.strip() for rest in every[number - first + 1 :])
                 raise self._wrong_count(number, line, len(fields), at_end=at_end)
@@ -547,7 +509,7 @@ class Body:
                 numbers += waiting
             if (
                 used == n_used(fields)
-                and len(fields) > self._layout.n_raw
+                and len(fields) > max(self._layout.n_raw, self._n)
                 and dialect.separator != " "
             ):
                 self._surplus.append(number)
@@ -562,8 +524,13 @@ class Body:
         lines = np.array(numbers, dtype=np.int64)
         return Block(self._columns(rows, lines), lines)
 
-    def _records(self, every: Sequence[str], first: int) -> Iterator[tuple[int, str]]:
-        """Yield the number of each line and its text; a quoted field over several lines is joined."""
+    def _records(
+        self, every: Sequence[str], first: int, *, last: bool
+    ) -> Iterator[tuple[int, str]]:
+        """Yield the number of each line and its text; a quoted field over several lines is joined.
+
+        One that may end behind these lines is left for the part that follows.
+        """
         if not self._layout.dialect.quoted:
             yield from enumerate(every, first)
             return
@@ -571,7 +538,11 @@ class Body:
         for number, line in rest:
             more: list[str] = []
             if line.count('"') % 2:
-                more = lines_of_field(every[number - first :], self._may_be_row)
+                own = every[number - first :]
+                more = lines_of_field(own, self._may_be_row)
+                if not (more or last) and may_go_on(own, self._may_be_row):
+                    self._left = "".join(f"{rest_of}\n" for rest_of in own)
+                    return
                 self.ledger.count("data", len(more))
                 for _ in more:
                     next(rest)
@@ -587,6 +558,30 @@ class Body:
         if not self._has_own_runs:
             self._like_rows.append(number)
         return self._labels[0]
+
+    def _take_whole(self) -> None:
+        """Take a row with all its fields: above it no row may lack numbers."""
+        self._has_whole = True
+        if self._short is not None:
+            raise self._wrong_count(*self._short, at_end=False)
+
+    def _may_lack(self, number: int, line: str, n: int, before: int) -> bool:
+        """Whether a row may lack its last fields: words, or the same numbers in all rows from there on.
+
+        Behind a line that is no row, shorter rows may be another table, such as means.
+        """
+        named = any(len(fields) >= self._n for fields in self._header)
+        if not named or self._layout.dialect.separator in {" ", ", "}:
+            return False
+        if not (n == self._n - 1 and self._labels[-1]):
+            if self._short is None and self._has_whole and number != before + 1:
+                return False
+            self._short = self._short or (number, line, n)
+            self._n_short += 1
+            if n != self._short[2]:
+                return False
+        self._lacking.append(number)
+        return True
 
     def _may_be_row(self, line: str) -> bool:
         fields = [f for f in self._layout.dialect.split([line])[0] if f.strip()]
@@ -818,67 +813,3 @@ def row_in_comment(fields: Sequence[str], layout: Layout) -> bool:
 
 def _rows(n: int) -> str:
     return "1 row has" if n == 1 else f"{n} rows have"
-
-
-def lines_of_field(lines: Sequence[str], is_row: Callable[[str], object]) -> list[str]:
-    """Return the lines behind the first that a field in quotes takes, none where the quotes do not close.
-
-    A line that could be a row of the table, up to the quote that closes the field, may not be swallowed.
-    """
-    for k, line in enumerate(lines[1:_FIELD_LINES], start=1):
-        if is_row(line.partition('"')[0]):
-            return []
-        if line.count('"') % 2:
-            return list(lines[1 : k + 1])
-    return []
-
-
-_FIELD_LINES = 12
-"""Lines of the longest field in quotes."""
-
-
-def refuse_quotes(file: RawFile, number: int, line: str, mark: str = "") -> None:
-    """Refuse a line whose double quotes do not pair up, or of which one ends within a field."""
-    problem = "the quotes do not pair up" if line.count('"') % 2 else ""
-    if len(mark) == 1 and mark != " " and not problem:
-        try:
-            list(csv.reader([line], delimiter=mark, skipinitialspace=True, strict=True))
-        except csv.Error:
-            problem = "something stands between a quote and the next separator"
-    if problem:
-        raise file.corrupt(
-            problem,
-            field=f"line {number}",
-            found=repr(line[:40]),
-            hint=f"correct that line, or leave it out with skip_lines='{number}'",
-        )
-
-
-def one_or_thousand(
-    file: RawFile, line: int, field: str, name: str, mark: str
-) -> AmbiguousFormatError:
-    """Return the error about a number of which nothing shows whether its mark is one of thousands."""
-    small, large = (re.sub(r"\D", "", p) for p in field.split(mark, 1))
-    other = "." if mark == "," else ","
-    return AmbiguousFormatError(
-        f"{file.path}: line {line}: column {name!r} holds {field[:40]!r}, which is {small}.{large} or "
-        f"{small}{large}, and no number of the file shows which; give decimal='{mark}', or thousands='{mark}' "
-        f"with decimal='{other}'"
-    )
-
-
-def bad_field(
-    file: RawFile, line: int, field: str, where: str, what: str = "number"
-) -> CorruptFileError:
-    """Return the error about a field that is not a number, or whatever the others are."""
-    grouped = re.fullmatch(r"[+-]?\d{1,3}(?:([.,'])\d{3})+(?:[.,]\d+)?", field)
-    options = f"missing='{field[:40]}' if it means not measured, skip_lines='{line}' to leave the line out"
-    if grouped:
-        options = f'thousands="{grouped.group(1)}" if its digits are in groups, {options}'
-    return file.corrupt(
-        f"{where} holds something that is not a {what}",
-        field=f"line {line}",
-        expected=f"a {what}, or an empty field where nothing was measured",
-        found=repr(field[:40]),
-        hint=f"correct that line, or give {options}",
-    )

@@ -33,17 +33,14 @@ from metrosep.io.source import HEAD_BYTES, RawFile
 from metrosep.io.text.dialect import (
     NO_READING,
     Layout,
-    are_numbered_rows,
-    are_rows_like_comments,
     find_layout,
     header_unit,
     is_comment,
-    is_rule,
     split_header,
-    unframed,
     unmeasured_rows,
 )
 from metrosep.io.text.encoding import head_text
+from metrosep.io.text.lines import are_numbered_rows, are_rows_like_comments, is_rule, unframed
 from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
 from metrosep.io.text.table import (

@@ -38,8 +38,6 @@ __all__ = [
     "WORDS",
     "Dialect",
     "Layout",
-    "are_numbered_rows",
-    "are_rows_like_comments",
     "bare_unit",
     "encoding_hint",
     "fields_in_quotes",
@@ -47,17 +45,13 @@ __all__ = [
     "find_layout",
     "header_unit",
     "is_comment",
-    "is_drawn",
-    "is_named_by_number",
     "is_number",
     "is_other_unit",
-    "is_rule",
     "n_used",
     "number_of",
     "quantity",
     "refuse_long",
     "split_header",
-    "unframed",
     "unmeasured_rows",
 ]
 
@@ -228,94 +222,6 @@ def is_comment(line: str, prefix: str | None = None) -> bool:
         rest = text.lstrip("; \t")
         return bool(rest) and not NUMBER_LIKE.match(rest)
     return False
-
-
-_NAMED_BY_NUMBER = re.compile(r"\s*\"?#(\d+)\"?[;,\t| ]")
-
-
-def is_named_by_number(line: str) -> bool:
-    """Return whether a line begins with the number of a row, such as #1, and something follows."""
-    return _NAMED_BY_NUMBER.match(line) is not None
-
-
-def are_numbered_rows(lines: Sequence[str]) -> bool:
-    """Return whether lines that begin like comments are the rows: #1, #2, #3, and no other line is one."""
-    found = [int(m[1]) for m in map(_NAMED_BY_NUMBER.match, lines) if m is not None]
-    others = (s for s in lines if not is_comment(s))
-    return (
-        len(found) >= _FEWEST_NUMBERED
-        and found == list(range(found[0], found[0] + len(found)))
-        and not any(NUMBER_LIKE.match(s.lstrip(' "')) for s in others)
-    )
-
-
-_FEWEST_NUMBERED = 3
-
-
-def are_rows_like_comments(lines: Sequence[str]) -> bool:
-    """Return whether all rows below names begin like a comment: their first field is a name such as #1."""
-    names, *rest = [line for line in lines if line.strip()] or [""]
-    mark = max("\t;|,", key=names.count)
-    n = names.count(mark)
-    alike = (is_comment(line) and line.count(mark) == n for line in rest)
-    return n > 0 and len(rest) > n and not is_comment(names) and all(alike)
-
-
-_CROSSED = re.compile(r"\s*[+|]?(?:[-=:]{2,}\+)*[-=:]{2,}[+|]?\s*")
-_DRAWN = re.compile(r"(?=.*([-=_])\1{2})[-=_|+*:\s]+")
-_BOX = str.maketrans(
-    {chr(c): "+" for c in range(0x2500, 0x2580)}
-    | dict.fromkeys("\u2500\u2501\u2504\u2505\u2508\u2509\u254c\u254d\u2550", "-")
-    | dict.fromkeys("\u2502\u2503\u2506\u2507\u250a\u250b\u254e\u254f\u2551", "|")
-)
-"""Lines that are drawn with characters of their own, as with - | and +."""
-_HAS_BOX = re.compile("[\u2500-\u257f]")
-_FRAMED = re.compile(r"(?m)^[ \t]*\|(.*)\|[ \t]*$")
-
-
-def is_rule(line: str) -> bool:
-    """Return whether a line is drawn between rows, such as +----+----+."""
-    return "+" in line and _CROSSED.fullmatch(line) is not None
-
-
-def is_drawn(line: str) -> bool:
-    """Return whether a line holds nothing but what lines are drawn with, such as ----- or |---|:---:|.
-
-    Among rows it may be one of words for "not measured".
-    """
-    return _DRAWN.fullmatch(line) is not None
-
-
-def unframed(text: str, head: str) -> str:
-    """Return lines without the bars left and right of them, where a frame was drawn in the head of the text.
-
-    The names show it, or a rule above rows without names: rows alone may begin and end with empty cells.
-    """
-    if _HAS_BOX.search(head):
-        text, head = text.translate(_BOX), head.translate(_BOX)
-    if "|" not in head:
-        return text
-    every = head.split("\n")
-    lines = [s for s in every if "|" in s and not is_comment(s)]
-    framed = sum(_FRAMED.fullmatch(s) is not None for s in lines)
-    if framed < _FEWEST_FRAMED or framed < (1.0 - _TOLERATED) * len(lines):
-        return text
-    lines = [s for s in lines if s.strip("|-=:+ \t")]
-    first = next((k for k, s in enumerate(lines) if _may_be_row(s)), 0)
-    if first:
-        is_drawn = _FRAMED.fullmatch(lines[first - 1]) is not None
-    else:
-        is_drawn = any(is_rule(s) and s.strip()[0] in "+|" for s in every)
-    return _FRAMED.sub(r"\1", text) if is_drawn else text
-
-
-def _may_be_row(line: str) -> bool:
-    """Whether a line between bars holds a number, or nothing but words for "not measured"."""
-    fields = [f.strip().lower() for f in line.split("|")]
-    return any(map(NUMBER_LIKE.fullmatch, fields)) or all(f in NO_READING for f in fields)
-
-
-_FEWEST_FRAMED = 3
 
 
 def is_number(field: str, decimal: str) -> bool:
@@ -644,6 +550,11 @@ def _fit(
     numbered = [i for i, k in enumerate(kinds) if _is_numbered(k)]
     if not numbered:
         return None
+    if dialect.separator not in {" ", ", "}:
+        n_full = _n_where_rows_lack(split, kinds, numbered)
+        for i in numbered:
+            kinds[i] += ["missing"] * (n_full - len(split[i]))
+            split[i] = [*split[i], *[""] * (n_full - len(split[i]))]
     n_raw = Counter(len(split[i]) for i in numbered).most_common(1)[0][0]
     n = max(n_used(split[i]) for i in numbered if len(split[i]) == n_raw)
     alike = [i for i in numbered if len(split[i]) >= n and n_used(split[i]) <= n]
@@ -682,6 +593,28 @@ def _fit(
         for k, f in enumerate(r)
     )
     return _Fit(dialect, start, n, n_raw, labels, dated, rows, unmeasured, n_texts)
+
+
+def _n_where_rows_lack(
+    split: Sequence[Sequence[str]], kinds: Sequence[Sequence[str]], numbered: Sequence[int]
+) -> int:
+    """Return the number of columns where a row of names has them and some rows lack their last ones, else 0.
+
+    All rows from one on lack them, as a spreadsheet writes empty cells, or the last column is of words.
+    """
+    counts = [len(split[i]) for i in numbered]
+    most, least = max(counts), min(counts)
+    named = any(
+        len(f) == most and all(k == "label" for k in own)
+        for f, own in zip(split[: numbered[0]], kinds, strict=False)
+    )
+    if most == least or not named or not {most, least}.issuperset(counts):
+        return 0
+    falls = counts == sorted(counts, reverse=True) and counts[-2] == least
+    words = least == most - 1 and all(
+        kinds[i][-1] in ("label", "missing") for i in numbered if len(kinds[i]) == most
+    )
+    return most if falls or words else 0
 
 
 _COUNTED = frozenset({"number", "quantity"})

@@ -13,7 +13,7 @@ from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.units import FOREIGN_SPELLINGS
 from metrosep.io.source import HEAD_BYTES, RawFile
 
-__all__ = ["ROLE_WORDS", "Role", "decode", "encoding_of", "head_text", "plain_ends"]
+__all__ = ["ROLE_WORDS", "Role", "decode", "encoding_of", "head_text", "plain_ends", "zero_byte"]
 
 Role: TypeAlias = Literal[
     "position", "height", "time", "feed", "run", "direction", "angle", "temperature", "index"
@@ -42,7 +42,9 @@ ROLE_WORDS: Final[dict[Role, str]] = {
     "direction": "direction dir richtung sens verso sentido dirección 方向 направление",
     "angle": "angle theta phi rotation c winkel drehwinkel angolo ángulo 角度 回転角 угол",
     "temperature": "temp temperature temperatur température temperatura 温度 температура",
-    "index": "no nr index sample point lfdnr punkt punto 序号 点 番号",
+    "index": "no nr n n° num number # i k id idx index row line rec record obs seq count counter sample point "
+    "lfdnr nummer zeile zähler datensatz punkt pkt messpunkt numéro ligne numero riga progressivo "
+    "punto número núm fila línea 序号 编号 行号 行 点 番号 行番号 連番 項番 ナンバー номер п/п строка точка",
 }
 """What columns are called in English, German, French, Italian, Spanish, Chinese, Japanese and Russian."""
 
@@ -95,14 +97,36 @@ def decode(data: bytes, path: object, encoding: str | None = None) -> tuple[str,
     except (UnicodeDecodeError, LookupError) as exc:
         raise ReadError(f"{path}: is not {name} text ({exc}); name it with encoding=") from None
     if _is_binary(data, text, name):
-        raise _binary(path)
+        raise _binary(path, data)
     return plain_ends(text), name
 
 
-def _binary(path: object) -> FormatMismatchError:
-    return FormatMismatchError(
-        f"{path}: holds binary data, not text; if it is a text file, name it with encoding="
+def _binary(path: object, data: bytes, above: int = 0) -> FormatMismatchError:
+    other = "holds binary data, not text; if it is a text file, name it with encoding="
+    return FormatMismatchError(f"{path}: {zero_byte(data, above) or other}")
+
+
+def zero_byte(data: bytes, above: int = 0) -> str:
+    """Return what is odd about text, behind so many lines, that holds bytes of value 0; empty for other bytes."""
+    text, zero, rest = data.partition(b"\0")
+    plain = data.replace(b"\0", b"")
+    is_text = b"\n" in plain and plain.translate(None, _CONTROL) == plain
+    if not zero or not is_text or _TWO_BYTES.search(data):
+        return ""
+    hint = (
+        "correct that line in an editor that shows such bytes"
+        if rest.strip(b"\0")
+        else "cut it off before that line"
     )
+    return (
+        f"line {above + text.count(_LF) + 1} holds a byte of value 0, which no text has; a program that was stopped "
+        f"leaves such bytes: copy the file again, or {hint}"
+    )
+
+
+_LF = b"\n"
+_TWO_BYTES = re.compile(rb"(?:[^\0]\0){3}|(?:\0[^\0]){3}")
+"""Characters of UTF-16, of which every second byte may be 0."""
 
 
 def encoding_of(file: RawFile, size: int) -> str:
@@ -113,12 +137,13 @@ def encoding_of(file: RawFile, size: int) -> str:
     name = _encoding(file.head)
     if name.startswith(("utf-16", "utf-32")):
         return name
-    beyond, is_unicode = b"", name in ("utf-8", "utf-8-sig")
+    beyond, is_unicode, above = b"", name in ("utf-8", "utf-8-sig"), 0
     with file.stream() as handle:
         while data := handle.read(size):
             data += handle.readline(size)
             if b"\0" in data:
-                raise _binary(file.path)
+                raise _binary(file.path, data, above)
+            above += data.count(_LF)
             if data.isascii():
                 continue
             if is_unicode:

@@ -51,10 +51,11 @@ from metrosep.io.text.table import (
     pick,
     refuse_marker,
     sensitivity,
+    since_first_row,
     to_si,
     without_empty_rows,
 )
-from metrosep.io.text.times import LONG_AGO_S, counted_moments, is_long_count
+from metrosep.io.text.times import counted_moments, is_long_count
 
 __all__ = [
     "FEW_COLUMNS",
@@ -237,13 +238,35 @@ def _without_counter(table: Table, *, given: Sequence[ColumnSpec | None]) -> Tab
         for c in table.numbers
         if (c.name in unnamed or (named and role_of(c.name) == "index"))
         and header_unit(c.name)[0].casefold() not in asked
-        and c.values is not None
-        and c.values.size > 1
-        and np.all(np.diff(c.values) == 1.0)
+        and c.unit is None
+        and _counts_rows(c.values)
     ]
     if not counters or len(table.numbers) == len(counters):
         return table
-    return replace(table, columns=tuple(c for c in table.columns if c not in counters))
+    said = []
+    for c in counters:
+        values = np.empty(0) if c.values is None else c.values
+        jumps = np.flatnonzero(np.diff(values) > 1.0)
+        if jumps.size:
+            i = int(jumps[0])
+            said.append(
+                f"line {int(table.lines[i + 1])}: column {c.name!r}, which numbers the rows, goes from "
+                f"{values[i]:.0f} to {values[i + 1]:.0f} ({jumps.size} such place(s)); rows may be missing there"
+            )
+    kept = tuple(c for c in table.columns if c not in counters)
+    return replace(table, columns=kept, warnings=(*table.warnings, *said))
+
+
+def _counts_rows(values: FloatArray | None) -> bool:
+    """Whether numbers rise by one from row to row, but for a few rows that were left out."""
+    steps = np.diff(values if values is not None else np.empty(0))
+    return steps.size > 0 and bool(
+        np.all(steps >= 1.0) and np.all(steps % 1.0 == 0.0) and np.mean(steps == 1.0) > _COUNTED
+    )
+
+
+_COUNTED = 0.9
+"""Share of the steps of a count of rows that are one."""
 
 
 def _take(table: Table, keep: Any) -> Table:
@@ -450,14 +473,10 @@ class _Made:
                 self.table = table = without_empty_rows(table)
                 timed = replace(table[timed.name], unit=timed.unit)
             t = to_si(self.file, timed, timed.unit, dimension="time", role="time")
-            if timed.unit is not None and np.fmin.reduce(np.abs(t), initial=np.inf) > LONG_AGO_S:
-                since, first = table.since_first(timed)
-                t = since * timed.unit.factor
-                said = (
-                    f"column {timed.name!r} counts from a date; its time is given from the first row, which is at "
-                    f"{first} {timed.unit.name}"
-                )
-                self.table = table = replace(table, warnings=(*table.warnings, said))
+            dated = since_first_row(table, timed, timed.unit)
+            if dated is not None and timed.unit is not None:
+                t = dated[0] * timed.unit.factor
+                self.table = table = replace(table, warnings=(*table.warnings, dated[1]))
             unknown = np.flatnonzero(~np.isfinite(t))
             if unknown.size and "separator" in table.header:
                 line = int(table.lines[unknown[0]])

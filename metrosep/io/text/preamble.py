@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from metrosep.core.errors import AmbiguousFormatError, FormatMismatchError
 from metrosep.core.units import Unit
 from metrosep.io.source import RawFile
-from metrosep.io.text._rows import bad_field
 from metrosep.io.text.dialect import (
     NO_READING,
     Layout,
@@ -16,18 +15,26 @@ from metrosep.io.text.dialect import (
     encoding_hint,
     fields_in_quotes,
     header_unit,
-    is_drawn,
     is_number,
     is_other_unit,
     n_used,
     split_header,
 )
 from metrosep.io.text.encoding import ROLE_WORDS
+from metrosep.io.text.lines import bad_field, is_drawn
 
 __all__ = ["BEGUN", "Preamble"]
 
 _POSITIONS = frozenset(ROLE_WORDS["position"].split())
 """Names of columns that have a unit, whatever stands above them."""
+
+_MEASURED = _POSITIONS.union(*(ROLE_WORDS[role].split() for role in ("height", "time")))
+"""Names of columns of which one that all rows lack need not be the last."""
+
+
+def _is_measured(name: str) -> bool:
+    return header_unit(name.strip().strip('"'))[0].strip().casefold() in _MEASURED
+
 
 _UNIT_WORDS = frozenset(
     [
@@ -174,7 +181,12 @@ class Preamble:
         """Return the names in a line; they may tell of columns that the rows leave empty, or of fewer."""
         mark = self._dialect.separator
         n = n_used(self._dialect.split([line])[0])
-        if mark not in {" ", ", "} and (self._n < n <= self._most or n == self._usual < self._n):
+        named = self._n < n <= self._most or n == self._usual < self._n
+        own = self._dialect.split([line])[0]
+        lacking = n > self._most and not any(map(_is_measured, own[self._n :]))
+        if mark == ",":  # which may stand within a name
+            lacking &= all(header_unit(f)[1] for f in own[: self._n])
+        if mark not in {" ", ", "} and (named or lacking):
             names = split_header(line, mark, n)
             if names is not None and not any(is_number(m, self._dialect.decimal) for m in names):
                 self._n = n
@@ -305,6 +317,12 @@ class Preamble:
         found = []
         if self._count is not None and self._count != n_rows:
             found.append(f"the file declares {self._count} rows and holds {n_rows}")
+        raw = self._names or []
+        for name in dict.fromkeys(n for n in raw if raw.count(n) > 1):
+            own = [c for r, c in zip(raw, self.columns()[0], strict=True) if r == name]
+            found.append(
+                f"{len(own)} columns have the name {name!r}; from the left they are {', '.join(map(repr, own))}"
+            )
         if odd := encoding_hint(self.columns()[0]):
             found.append(odd)
         names, units = self.columns()

@@ -32,36 +32,40 @@ from metrosep.io.text._rows import (
     DECIMAL_SHOWN,
     Block,
     Body,
-    Ledger,
-    bad_field,
     joined,
-    lines_of_field,
-    one_or_thousand,
-    refuse_quotes,
     row_in_comment,
 )
 from metrosep.io.text.dialect import (
     BEYOND,
     NO_COMMENT,
     NO_READING,
-    are_numbered_rows,
-    are_rows_like_comments,
     encoding_hint,
     find_column,
     find_layout,
     is_comment,
-    is_named_by_number,
-    is_rule,
     number_of,
     quantity,
     refuse_long,
-    unframed,
     unmeasured_rows,
 )
 from metrosep.io.text.encoding import decode, encoding_of, plain_ends
+from metrosep.io.text.lines import (
+    Ledger,
+    are_numbered_rows,
+    are_rows_like_comments,
+    bad_field,
+    cut_off,
+    is_named_by_number,
+    is_rule,
+    lines_of_field,
+    one_or_thousand,
+    refuse_quotes,
+    unframed,
+)
 from metrosep.io.text.preamble import BEGUN, Preamble
 from metrosep.io.text.quality import marked_bad, marker_of
 from metrosep.io.text.times import (
+    LONG_AGO_S,
     Entries,
     Moments,
     is_long_count,
@@ -82,6 +86,7 @@ __all__ = [
     "read_table",
     "refuse_marker",
     "sensitivity",
+    "since_first_row",
     "text_of",
     "to_si",
     "without_empty_rows",
@@ -90,7 +95,6 @@ __all__ = [
 _SAMPLE = 300
 """Rows that are looked at first; further ones come from `_PLACES` parts of the rest."""
 _PLACES, _PLACE = 9, 2000
-_TAIL = 5000
 _FIRST_PART = 20_000
 """Characters that show whether all rows begin with the mark of a comment."""
 _LONG_FIELD = 2000
@@ -104,6 +108,7 @@ _CONTAINERS = (b"PK\x03\x04", b"SQLite format 3\x00", b"PAR1", b"ARROW1")
 _DECLARATION = re.compile(r'\s*"?sep=(.)"?\s*', re.IGNORECASE)
 _RUN = re.compile(r'"?run"?\s*[,;\t]')
 _SEPARATOR = re.compile(r"[,;\t]")
+_NUMBER_SIGN = re.compile(r'\s*("#"|#)\s*[,;\t|]')
 _BLANKS = re.compile(r"\n+")
 
 
@@ -396,6 +401,7 @@ class TextTable:
             return
         with file.stream() as handle:
             raw = handle.read(_BLOCK)
+            file.demand_bytes(len(raw) + max(file.size - _BLOCK, 0))
             top = _plain(file, raw[: raw.rfind(_end_of(raw)) + 1], self._encoding, 0)
             self._first_part = top[:_FIRST_PART]
             top = unframed(top, self._first_part)
@@ -481,6 +487,7 @@ class TextTable:
                 part = _plain(self._file, raw, self._encoding, n_bytes)
                 yield unframed(part, self._first_part), not follows
                 n_bytes += len(raw)
+        self._file.demand_bytes(n_bytes)
 
 
 _BLOCK = 2**22
@@ -598,23 +605,6 @@ def _rules_between(table: Table) -> int:
     return n
 
 
-def cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:
-    """Return the warning about a last row without a line end; one that is visibly cut is refused."""
-    lengths = [len(text) for text in content[-_TAIL:].split("\n")[1:-1] if text.strip()]
-    if lengths and 2 * len(row.strip()) < float(np.median(lengths)):
-        raise file.corrupt(
-            "the file ends in the middle of a row",
-            field=f"line {line} ({row.strip()[:60]!r})",
-            hint=f"copy the file again, or leave that line out with skip_lines='{line}'",
-        )
-    return [
-        (
-            f"line {line}, the last one, has no line end: whether its last number is whole cannot be seen; "
-            "compare it with the source of the file"
-        )
-    ]
-
-
 class TableHead:
     """What stands above the rows of a table: its layout, names and units; each line is classified."""
 
@@ -711,7 +701,9 @@ class TableHead:
                 continue
             self._ledger.add(kind, place, line)
             if kind == "comment":
-                self.comments.append(line.strip().lstrip('#%!;/" \t').rstrip('"'))
+                is_named = _NUMBER_SIGN.match(line)  # the name of the first column is #
+                marks = " \t" if is_named else '#%!;/" \t'
+                self.comments.append(line.strip().lstrip(marks).rstrip('"'))
         preamble.take_comment(self.comments)
         kinds |= dict.fromkeys(preamble.rest(), "preamble")
         for place, line in content[: layout.start]:
@@ -855,6 +847,25 @@ def to_si(
             f"{'an' if dimension[:1] in 'aeiou' else 'a'} {dimension} is needed; name another column"
         )
     return np.asarray(column.values * unit.factor)
+
+
+def since_first_row(
+    table: Table, column: Column, unit: Unit | None
+) -> tuple[FloatArray, str] | None:
+    """Return a time that counts from a date as counts from its first row, and the sentence that says so.
+
+    A float of seconds since 1970 holds 0.24 us.
+    """
+    if unit is None or unit.dimension != "time" or column.values is None:
+        return None
+    least = np.fmin.reduce(np.abs(column.values), initial=np.inf)
+    if not LONG_AGO_S < least * unit.factor < np.inf:
+        return None
+    since, first = table.since_first(column)
+    return since, (
+        f"column {column.name!r} counts from a date; its time is given from the first row, which is at {first} "
+        f"{unit.name}"
+    )
 
 
 def sensitivity(scale: float | str | None) -> float | None:

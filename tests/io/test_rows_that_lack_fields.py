@@ -1,0 +1,119 @@
+"""Rows that lack their last fields, and columns of one name: what is read is named, what is in doubt refused."""
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+
+N = 40
+X = np.arange(N) * 0.25
+Z = np.arange(N) % 7 * 0.5 - 1.0
+T = 20.0 + np.arange(N) % 3
+
+
+def put(tmp_path, names, row, mark=";"):
+    path = tmp_path / "a.csv"
+    rows = [mark.join(map(str, row(k))) for k in range(N)]
+    path.write_text("\n".join([names.replace(";", mark), *rows]) + "\n")
+    return path
+
+
+def full(k):
+    return (X[k], Z[k], T[k])
+
+
+def from_row(first):
+    return lambda k: full(k)[: 3 if k < first else 2]
+
+
+@pytest.mark.parametrize("mark", [";", ",", "\t"])
+@pytest.mark.parametrize("first", [0, 3, 17, N - 2])
+def test_rows_that_lack_their_last_number_from_one_on(tmp_path, mark, first):
+    path = put(tmp_path, "t_s;z_um;temp_um", from_row(first), mark)
+
+    read = ms.read(path)
+
+    assert np.array_equal(read.t, X)
+    assert np.array_equal(read.channels["z_um"], Z * 1e-6)
+    if first:
+        third = read.channels["temp_um"]
+        assert np.array_equal(third[:first], T[:first] * 1e-6)
+        assert np.isnan(third[first:]).all()
+    said = next(w for w in read.metadata["warnings"] if "fewer fields" in w)
+    assert f"{N - first} rows have" in said
+    assert f"line {first + 2}" in said
+    assert "'temp_um'" in said
+
+
+@pytest.mark.parametrize("told", [{4}, set(range(3, N, 5)), set(range(N)) - {2, 9}])
+def test_a_remark_behind_some_rows_leaves_the_others_whole(tmp_path, told):
+    path = put(tmp_path, "x_mm;z_um;note", lambda k: (*full(k)[:2], *["ok"] * (k in told)))
+
+    read = ms.read(path)
+
+    assert np.array_equal(read.x, X * 1e-3)
+    assert np.array_equal(read.z, Z * 1e-6)
+    assert any(f"{N - len(told)} row" in w for w in read.metadata["warnings"])
+
+
+# row: the line that must be named
+ODD = {
+    "one short row among full ones": (lambda k: full(k)[: 2 if k == 5 else 3], 7),
+    "two short rows among full ones": (lambda k: full(k)[: 2 if k in (5, 6) else 3], 7),
+    "the last row": (from_row(N - 1), N + 1),
+    "rows that end in different columns": (
+        lambda k: full(k)[: 3 if k < 30 else 2 if k < 35 else 1],
+        37,
+    ),
+    "shorter rows behind an empty line": (
+        lambda k: full(k) if k < 36 else ("",) if k == 36 else full(k)[:2],
+        39,
+    ),
+    "a row with one more": (lambda k: (*full(k), 1) if k == 0 else full(k), 2),
+}
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_what_may_be_damage_is_refused_by_its_line(tmp_path, odd):
+    row, line = ODD[odd]
+
+    with pytest.raises(ms.errors.ReadError, match=rf"line {line}\b"):
+        ms.read(put(tmp_path, "x_mm;z_um;temp_C", row))
+
+
+def test_a_comma_within_a_name_is_no_column_more(tmp_path):
+    path = put(tmp_path, "Position; X;Deviation", lambda k: full(k)[:2], ",")
+
+    with pytest.raises(ms.errors.UnitError, match="'X,Deviation'"):
+        ms.read(path)
+
+
+@pytest.mark.parametrize("mark", [";", ","])
+def test_a_position_or_a_reading_that_all_rows_lack_may_be_any_of_them(tmp_path, mark):
+    path = put(tmp_path, "x_mm;y_mm;z_um", lambda k: full(k)[:2], mark)
+
+    with pytest.raises(ms.errors.ReadError, match="line 1"):
+        ms.read(path)
+
+
+def test_columns_of_one_name_are_named(tmp_path):
+    path = put(tmp_path, "x_mm;z_um;z_um", full)
+
+    read = ms.read(path, x="x_mm", z="z_um (2)")
+
+    assert np.array_equal(read.z, T * 1e-6)
+    assert any("'z_um', 'z_um (2)'" in w for w in read.metadata["warnings"])
+    assert any("'z_um (2)'" in w for w in ms.read(path, x="x_mm", z="z_um").metadata["warnings"])
+    with pytest.raises(ms.errors.ReadError, match=r"z_um, z_um \(2\)"):
+        ms.read(path)
+
+
+def test_labels_of_rows_that_lack_them_are_empty(tmp_path):
+    path = put(
+        tmp_path, "run;x_mm;z_um;note", lambda k: (1 + k // 20, X[k % 20], Z[k], *["a"] * (k == 3))
+    )
+
+    runs = ms.read_runs(path, x="x_mm", z="z_um", run="run", feed="100 mm/min")
+
+    assert [len(r) for r in runs] == [20, 20]
+    assert any("fewer fields" in w for w in runs.metadata["warnings"])
