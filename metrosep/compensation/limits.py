@@ -152,7 +152,7 @@ class Corrections(Stated):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong or doubtful.
+    """One thing that is wrong or uncertain.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ def check_limits(
     *,
     on_axis: bool,
 ) -> tuple[Finding, ...]:
-    """Return what is wrong or doubtful about corrections.
+    """Return what is wrong or uncertain about corrections.
 
     Parameters
     ----------

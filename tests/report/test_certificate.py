@@ -661,14 +661,13 @@ def test_a_wrong_template_is_refused_before_anything_is_written(part, text, says
 def test_a_cleaned_svg_keeps_shapes_only():
     made = clean_svg(
         b'<svg xmlns="http://www.w3.org/2000/svg" xmlns:x="http://www.w3.org/1999/xlink" onload="a()">'
-        b'<script>b()</script><a x:href="http://h"><rect/></a><image x:href="file:///etc/passwd"/>'
+        b'<script>b()</script><a x:href="http://h"><rect/></a><switch><circle r="2"/></switch><image x:href="file:///etc/passwd"/>'
         b'<foreignObject><p xmlns="http://www.w3.org/1999/xhtml">c</p></foreignObject>'
         b'<rect width="3" style="fill:url(http://h/x);stroke:#fff" onclick="d()"/>'
         b'<style>@import "http://h"</style></svg>'
     )
-    assert (
-        made == b'<svg xmlns="http://www.w3.org/2000/svg"><rect width="3" stroke="#fff" /></svg>'
-    )
+    shapes = b'<g><rect /></g><g><circle r="2" /></g><rect width="3" stroke="#fff" />'
+    assert made == b'<svg xmlns="http://www.w3.org/2000/svg">' + shapes + b"</svg>"
     for bad in (
         b"<svg>",
         b"<html xmlns='http://www.w3.org/1999/xhtml'/>",
