@@ -31,7 +31,7 @@ _SMALL = 200_000
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Stages of a recipe as far as it could be carried out."""
+    """Stages of a recipe as far as it could be run."""
 
     source: Surface | Profile  # or Profile: what the first step got
     stages: tuple[Stage, ...]  # one for each step that was carried out

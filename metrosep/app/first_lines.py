@@ -60,7 +60,7 @@ def ask_for(message: str, given: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def first_lines(file: Path, given: Mapping[str, Any], why: str = "") -> dict[str, Any]:
-    """Return lines, columns and what is left out, as plain values; empty where the file is no text.
+    """Return lines, columns and what is omitted, as plain values; empty where the file is not a text.
 
     Of a file that is refused the lines around the first that its message names are added.
     """

@@ -81,7 +81,7 @@ class MapView:
     level : int
         Level of the pyramid that was drawn; 0 is the map itself.
     is_preview : bool
-        Whether pixels of the map were averaged or left out: not each one is on the screen.
+        Whether pixels of the map were averaged or omitted: not each one is on the screen.
     coverage : float, dimensionless
         Valid share of the pixels of the map in the window; 0 where the window misses the map.
     unit : str

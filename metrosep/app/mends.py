@@ -29,7 +29,7 @@ _MOST = 3
 def mends_of_step(
     document: RecipeDocument, index: int, error: MetrosepError | str
 ) -> list[dict[str, Any]]:
-    """Return what may be done where a step cannot be carried out, what the error names first.
+    """Return what may be done where a step cannot be run, what the error names first.
 
     Each is ``{label, edits}``; with ``ask`` (``{label, hint}``) the page asks for the value of the
     last edit.

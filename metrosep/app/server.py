@@ -752,7 +752,7 @@ class Guard:
 
 
 def warm_up(stop: Callable[[], bool] = lambda: False) -> None:
-    """Carry out on a few pixels what opening a map or profile does.
+    """Run on a few pixels what opening a map or profile does.
 
     Notes
     -----

@@ -204,7 +204,7 @@ class Session:
         return outcome, recipe, mark_of(opened, recipe)
 
     def failure(self, outcome: Outcome) -> dict[str, Any]:
-        """Return the step that could not be carried out, why, and what may be done."""
+        """Return the step that could not be run, why, and what may be done."""
         index, error = outcome.failed, outcome.error
         mends = [] if index is None or error is None else mends_of_step(self._need(), index, error)
         return {"index": index, "message": str(error), "mends": mends}
@@ -357,7 +357,7 @@ class Keeper:
         self._heard: str | None = None
 
     def keep(self, path: Path, text: str, *, aside: bool = False) -> None:
-        """Keep a text; an older one of the same file that still waits is left out."""
+        """Keep a text; an older one of the same file that still waits is omitted."""
         with self._changed:
             self._current = path
             self._take_failed()

@@ -69,7 +69,7 @@ def run_batch(
     tell: Tell | None = None,
     cancel: Callable[[], bool] | None = None,
 ) -> BatchReport:
-    """Carry out a recipe on every unit of a folder.
+    """Run a recipe on every unit of a folder.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ class Unit:
     ----------
     name : str
         Path of the file, or of the folder of a set, below the input folder; parts joined by ``/``,
-        bytes that are no UTF-8 as ``\xff``.
+        bytes that are not UTF-8 as ``\xff``.
     target : str
         Absolute path of the file or folder that the recipe is given.
     files : tuple of str
@@ -78,7 +78,7 @@ class Unit:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Units of a folder, and what was left out.
+    """Units of a folder, and what was omitted.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class Found:
     apart: tuple[LeftOut, ...] = ()
 
     def names(self, what: str) -> tuple[str, ...]:
-        """Return what was left out for a reason.
+        """Return what was omitted for a reason.
 
         Parameters
         ----------
@@ -444,7 +444,7 @@ def _is_of_unit(folder: Path) -> bool:
 
 
 def count_files(folder: Path) -> int:
-    """Return how many files lie in a folder and below, hidden ones left out."""
+    """Return how many files lie in a folder and below, hidden ones omitted."""
     return sum(not name.startswith(".") for _, _, files in os.walk(folder) for name in files)
 
 
@@ -607,7 +607,7 @@ _SHOWN = 3
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """Files or folders that are left out for one reason.
+    """Files or folders that are omitted for one reason.
 
     Parameters
     ----------
@@ -636,7 +636,7 @@ class LeftOut:
 
 
 def sentences(records: Iterable[Mapping[str, Any]], place: str) -> list[str]:
-    """Return what was left out as sentences.
+    """Return what was omitted as sentences.
 
     Examples
     --------

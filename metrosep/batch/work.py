@@ -71,7 +71,7 @@ class Task:
 
 
 def do_unit(task: Task, unit: Unit) -> dict[str, Any]:
-    """Carry out the recipe on one unit; the outcome is on the disk when this returns.
+    """Run the recipe on one unit; the outcome is on the disk when this returns.
 
     Notes
     -----

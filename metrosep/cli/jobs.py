@@ -33,7 +33,7 @@ __all__ = ["demo", "print_named", "progress", "recipe_words", "run", "separate"]
 
 
 def progress(context: click.Context) -> Callable[[str], None]:
-    """Return what is told of the steps of a run: nothing where the user wants quiet."""
+    """Return what is shown of the steps of a run: nothing where the user wants quiet."""
     told = context.obj if isinstance(context.obj, dict) else {}
 
     def tell(message: str) -> None:

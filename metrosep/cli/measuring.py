@@ -419,7 +419,7 @@ def _measured(
         raise _as_typed(error, recipe.text) from None
     tables = [t.to_dict() for t in measured.stages[-1].detail]
     limits = ("verdict", "lower", "upper", "U")
-    reasons = ("reason", "u_source", "u_note", "rule", "values")
+    reasons = ("reason", "k", "p", "u_source", "u_note", "rule", "values")
     return {
         "measured": measured,
         "file": Path(name).name,

@@ -223,7 +223,7 @@ def identified(
     out: str | None,
     as_json: bool,
 ) -> int:
-    """Carry out ``form FILE --identify``: error terms, or a tool setting, that explain a map."""
+    """Run ``form FILE --identify``: error terms, or a tool setting, that explain a map."""
     op = "tool_setting" if machine == "tool" else "identify"
     lines = ["metrosep = 1", "", "[input]"]
     lines += [f"{k} = {quoted(v)}" for k, v in options.pop("reading").items() if v is not None]

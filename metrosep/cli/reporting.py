@@ -440,7 +440,7 @@ class Rendered:
 
 
 def rendered(task: RenderTask) -> Rendered:
-    """Write the reports of one result; what is wrong with it is told with its name."""
+    """Write the reports of one result; what is wrong with it is reported with its name."""
     from metrosep.core.errors import (
         CorruptFileError,
         DataError,

@@ -344,7 +344,7 @@ def _nested(value: str, *, numbers: bool) -> str:
 
 
 def listed(texts: str) -> str:
-    """Return texts with commas between them as a list of TOML; what is empty is left out."""
+    """Return texts with commas between them as a list of TOML; what is empty is omitted."""
     return list_of(t.strip() for t in texts.split(",") if t.strip())
 
 

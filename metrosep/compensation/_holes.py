@@ -48,7 +48,7 @@ def without_holes(
 
     In a hole a run takes the shape of the mean of those that were measured there, and a line on top
     that joins it to its own readings: a straight line across would count as an error of the table.
-    It is no witness there: with n runs of which m were measured, the deviations of these from their
+    It cannot be a witness there: with n runs of which m were measured, the deviations of these from their
     mean grow by sqrt(n (n - 1) / (m (m - 1))), so that the scatter of n runs is that of m.
     """
     long = _HOLE * (span[1] - span[0])

@@ -154,7 +154,7 @@ class Corrections(Stated):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong or doubtful.
+    """One thing that is wrong or uncertain.
 
     Parameters
     ----------
@@ -303,7 +303,7 @@ def check_limits(
     *,
     on_axis: bool,
 ) -> tuple[Finding, ...]:
-    """Return what is wrong or doubtful about corrections.
+    """Return what is wrong or uncertain about corrections.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ class MapVerification(Judged):
         map.
     spacing : float, dimensionless, 0 to 1
         Share of the area that a row or column of what was measured has, their mean; less than that
-        without an error is no warning.
+        without an error gives no warning.
     is_reversed : bool
         Whether the sign is wrong: the negated map would be accepted, with at most half of the RMS left.
     """

@@ -345,7 +345,7 @@ class CompensationMap(Corrections, PublicObject):
         feeds: Mapping[str, float] | None = None,
         **values: float,
     ) -> tuple[Finding, ...]:
-        """Return what is wrong or doubtful about the map for a machine.
+        """Return what is wrong or uncertain about the map for a machine.
 
         Parameters
         ----------
@@ -540,7 +540,7 @@ def check_map_limits(
     compensates: str,
     feeds: Mapping[str, float] | None = None,
 ) -> tuple[Finding, ...]:
-    """Return what is wrong or doubtful about the corrections of a map.
+    """Return what is wrong or uncertain about the corrections of a map.
 
     Parameters
     ----------

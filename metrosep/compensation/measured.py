@@ -329,7 +329,7 @@ def made_of(
 
 
 def used_runs(history: Sequence[Step], runs: RunSet) -> RunSet:
-    """Return the runs without those that a separation left out (``exclude=``)."""
+    """Return the runs without those that a separation omitted (``exclude=``)."""
     out = {h for s in history for h in s.parameters.get("left_out_sha256", ())}
     kept = [r for r in runs if r.metadata.get("cells_of_sha256", r.sha256) not in out]
     if not kept or len(kept) == len(runs):

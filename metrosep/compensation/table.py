@@ -391,7 +391,7 @@ class CompensationTable(Corrections, PublicObject):
         )
 
     def limits(self, limits: Limits | None = None, **values: float) -> tuple[Finding, ...]:
-        """Return what is wrong or doubtful about the table for a machine.
+        """Return what is wrong or uncertain about the table for a machine.
 
         Parameters
         ----------
@@ -477,7 +477,7 @@ class CompensationTable(Corrections, PublicObject):
         Parameters
         ----------
         against : RunSet, Profile, ErrorEstimate or callable
-            Measured error over position. Runs that made the table are left out one by one: each
+            Measured error over position. Runs that made the table are omitted one by one: each
             is judged with the table made without it.
         unknown : {"offset", "offsets", "line"}, optional
             What the measurement cannot know, see `dry_run`.

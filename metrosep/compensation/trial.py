@@ -204,7 +204,7 @@ def trial_table(
     The peak lies a quarter into its part, and no part reaches over the middle of the travel ("middle"
     is the sixth before it): a mirrored table shows nothing where the peak is expected, and the peak
     where nothing is. Where the real table has a reverse column, that of the trial is 0.3 as high:
-    swapped columns show, and are told from a table scaled by half. Source of the dry-run is the
+    swapped columns show, and are distinguished from a table scaled by half. Source of the dry-run is the
     error that the bump cancels.
 
     Examples

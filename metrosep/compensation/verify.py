@@ -155,7 +155,7 @@ def dry_run(
         If span and measurement do not overlap, or a run has fewer than three readings there.
     DataError
         If there is no valid sample, or `against` is something else, the runs do not overlap,
-        `unknown` is not one of the three, or `u_slope` is no number from zero on.
+        `unknown` is not one of the three, or `u_slope` is not a number from zero on.
     """
     if unknown is not None:
         choice(unknown, "unknown", get_args(Unknown))

@@ -213,7 +213,7 @@ class MachineVolume:
         tools: Sequence[ArrayLike] | None = None,
         readings: ReadingSet | None = None,
     ) -> dict[str, Any]:
-        """Return error before, after and with the sign reversed at places that are no nodes.
+        """Return error before, after and with the sign reversed at places that are not nodes.
 
         Parameters
         ----------

@@ -136,7 +136,7 @@ class Dialect(ABC):
         """Refuse a name that a table of this controller must not have."""
 
     def doubts(self, table: Any, limits: Limits) -> list[Finding]:
-        """Return what is wrong or doubtful about a table on this machine, besides what all are asked."""
+        """Return what is wrong or uncertain about a table on this machine, besides what all are asked."""
         del table, limits
         return []
 

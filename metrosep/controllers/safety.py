@@ -109,7 +109,7 @@ def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, 
 
 
 def table_findings(carried: Any, limits: Limits, info: DialectInfo) -> list[Finding]:
-    """Return what is wrong or doubtful about corrections for a machine."""
+    """Return what is wrong or uncertain about corrections for a machine."""
     found = list(carried.limits(limits)) if hasattr(carried, "limits") else []
     if info.carries == "map":
         names = ("travel_low", "travel_high", "soft_low", "soft_high")
@@ -258,7 +258,7 @@ def _area_uncertainty(carried: Any) -> list[Finding]:
 
 
 def file_findings(carried: Any, encoded: Encoded) -> Iterator[Finding]:
-    """Return what is wrong or doubtful about the bytes."""
+    """Return what is wrong or uncertain about the bytes."""
     yield from encoded.findings
     span = _span(carried)
     axis = getattr(carried, "compensates", "X")

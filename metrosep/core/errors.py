@@ -312,7 +312,7 @@ class NotConvergedError(FitError):
 
 
 class SeparationError(MetrosepError):
-    """An error separation cannot be carried out."""
+    """An error separation cannot be run."""
 
 
 class NotSeparableError(SeparationError):

@@ -30,7 +30,7 @@ class Readings:
     history : tuple of Step
         One step ``read`` for each file.
     warnings : tuple of str
-        What is odd about the files.
+        What is unusual about the files.
     extra : mapping of str to ndarray, shape (n_repeats, n)
         Further columns by their role: numbers in SI, or texts.
     position_unit : {"m", "rad"}

@@ -82,7 +82,7 @@ class Method:
         data : Readings, RoleColumns, NamedFiles, tuple of these, of maps or of results
             As `reads` says.
         options : mapping
-            By name, without those that were left out.
+            By name, without those that were omitted.
 
         Returns
         -------

@@ -329,7 +329,7 @@ class Guessed:
         shape : {"circle", "ring", "rectangle", "polygon", "brush"}
             Of the region. The centre of a pixel decides; edges of a polygon are half-open.
         outside : bool, optional
-            True: what lies outside is taken out; False: what lies inside.
+            True: what lies outside is removed; False: what lies inside.
         **keys
             As in a step ``mask`` of a recipe, in m or as texts with units: ``diameter``,
             ``inner_diameter``, ``width``, ``height``, ``angle``, ``centre``, ``radius``, ``points``.
@@ -337,7 +337,7 @@ class Guessed:
         Returns
         -------
         Surface or Profile
-            NaN where it was taken out.
+            NaN where it was removed.
 
         Raises
         ------

@@ -417,7 +417,7 @@ class RunSet(PublicObject):
         Returns
         -------
         list of (float, tuple of Run)
-            Mean feed of the group in m/s and its runs. Runs without a feed are left out.
+            Mean feed of the group in m/s and its runs. Runs without a feed are omitted.
         """
         timed = [(r.feed, r) for r in self.runs if r.feed is not None]
         return [

@@ -79,7 +79,7 @@ def section_profile(
     share was read bilinearly.
 
     A band of width w is the mean of n = 2 floor(w / 2s) + 1 parallel lines, s the smaller step. Where
-    a line has a gap, its mirror image about the middle is left out too, so that a plane stays a plane;
+    a line has a gap, its mirror image about the middle is omitted too, so that a plane stays a plane;
     where less than half of them remain the profile has a gap. A wave of length L across is damped by
     ``|sin(pi n s / L) / (n sin(pi s / L))|`` where all are valid; ``lines_share`` in the history is
     the share of lines in the mean.
@@ -354,7 +354,7 @@ def is_calibrated(surface: Surface) -> bool:
 
 
 def require_steps(surface: Surface) -> None:
-    """Refuse a map without both lateral steps: a profile is in m, and its pixels are no m."""
+    """Refuse a map without both lateral steps: a profile is in m, and its pixels are not m."""
     if not is_calibrated(surface):
         raise DataError(
             "a section of a map without lateral steps has no lengths; read the file with "

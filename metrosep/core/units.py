@@ -304,7 +304,7 @@ def _canonical(text: str) -> str:
 
 
 def likely_meaning(text: str) -> str | None:
-    """Return what is odd about a text that a reader of another case would take for a unit.
+    """Return what is unusual about a text that a reader of another case would take for a unit.
 
     Examples
     --------

@@ -38,7 +38,7 @@ class Form(ABC):
         Whether the form has a vertex or centre, which a fit puts in the middle of what was
         measured, on a map that declares no origin; periodic forms and polynomials have none.
     is_everywhere : bool
-        Whether the form has a height at every point, so that no valid point is left out.
+        Whether the form has a height at every point, so that no valid point is omitted.
     is_linear : bool
         Whether the heights are linear in all parameters.
     radii : tuple of str

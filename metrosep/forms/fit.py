@@ -52,7 +52,7 @@ def fit(
     Parameters
     ----------
     obj : Surface, Profile or PointSet
-        Measurement; NaN is left out. A profile is the line y = 0 and need not be uniform.
+        Measurement; NaN is omitted. A profile is the line y = 0 and need not be uniform.
     form : Form or str
         Ideal surface, or its name and parameters as a text ("sphere", "conic: R=50 mm"). Parameters that
         are None are found, and those named in `free`.

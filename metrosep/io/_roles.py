@@ -82,7 +82,7 @@ _JUMP = 10.0
 def jumps_back(values: FloatArray, lines: NDArray[np.int64]) -> list[int]:
     """Return the rows at which a position or a clock jumps back towards its first value.
 
-    Behind a line that is no row, such as a comment or names again, more than one step is a jump.
+    Behind a line that is not a row, such as a comment or names again, more than one step is a jump.
     """
     steps = np.diff(values)
     known = steps[np.isfinite(steps)]

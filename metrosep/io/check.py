@@ -52,7 +52,7 @@ _TURNS = {"rad": 2.0 * math.pi, "": 360.0}
 
 
 def check_file(path: str | os.PathLike[str], **options: Any) -> tuple[Finding, ...]:
-    """Return what is odd about a file; a file that cannot be read is one error.
+    """Return what is unusual about a file; a file that cannot be read is one error.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def _of_each(runs: Iterable[Run]) -> Iterator[Finding]:
 
 
 def check_object(obj: Surface | Profile | Recording) -> tuple[Finding, ...]:
-    """Return what is odd about a measurement."""
+    """Return what is unusual about a measurement."""
     found = [*_of_reader(obj.metadata)]
     if isinstance(obj, Recording):
         found += _clock(obj)

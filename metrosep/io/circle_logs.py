@@ -94,7 +94,7 @@ def read_circle_log(
         Programmed radius.
     columns : mapping of str to str, optional
         Column of ``angle``, ``ccw``, ``cw``, ``x``, ``y``, ``reading`` or ``length``, such as
-        ``{"x": "2:mm"}`` where there is no header; those that are left out are found by their names.
+        ``{"x": "2:mm"}`` where there is no header; those that are omitted are found by their names.
     **layout
         How the text is written: `metrosep.core.text_options.TEXT_OPTIONS`.
 

@@ -50,7 +50,7 @@ class Finding:
 
 
 def height_findings(obj: Surface | Profile) -> Iterator[Finding]:
-    """Yield what is odd about the size of heights: a unit that is probably wrong.
+    """Yield what is unusual about the size of heights: a unit that is probably wrong.
 
     Parameters
     ----------

@@ -332,7 +332,7 @@ def _told_runs(path: str | os.PathLike[str], given: Mapping[str, Any], *, angles
 
 
 def runs_of(held: list[Source], specs: Mapping[str, Any], *, angles: bool = False) -> RunSet:
-    """Return the runs in columns that were read, which are taken out of the list that holds them."""
+    """Return the runs in columns that were read, which are removed from the list that holds them."""
     asked = {k: v for k, v in specs.items() if k not in TEXT_OPTIONS}
     feed = asked.pop("feed", None)
     optional = dict.fromkeys(("run", "direction", "time", "sampling_rate", "scale"))

@@ -246,7 +246,7 @@ class RawFile:
         header : mapping
             Every raw header field, by the name in the format's description.
         warnings : tuple of str, optional
-            Sentences on what is odd about the file.
+            Sentences on what is unusual about the file.
         **facts
             What the reader derived, keys with unit suffixes.
 

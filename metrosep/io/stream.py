@@ -118,7 +118,7 @@ class Stream(AbstractContextManager["Stream"]):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was odd about the text, once it was read to its end; empty for other formats."""
+        """What was unusual about the text, once it was read to its end; empty for other formats."""
         return tuple(getattr(self.source, "warnings", ()))
 
     def __exit__(

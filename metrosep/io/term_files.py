@@ -60,7 +60,7 @@ def read_term_table(
     ReadError
         The file cannot be read.
     DataError
-        It holds no such table; a column is no error of its axis.
+        It holds no such table; a column is not an error of its axis.
     UnitError
         A column has no unit of its dimension.
     """

@@ -33,7 +33,7 @@ _SHIFTED = 3.0
 def fold_of(
     ring: NDArray[np.intp], sector: NDArray[np.intp], rings: int, sectors: int
 ) -> NDArray[np.intp]:
-    """Return the part of the map that each bin is left out with: one block in each band of radius."""
+    """Return the part of the map that each bin is omitted with: one block in each band of radius."""
     band, block = ring * _BANDS // rings, sector * _FOLDS // sectors
     return np.asarray((block + 2 * band) % _FOLDS)
 

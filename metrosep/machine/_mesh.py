@@ -118,7 +118,7 @@ def polar_mesh(
     n_azimuth: int = N_AZIMUTH,
     centre: tuple[float, float] | None = None,
 ) -> SurfaceMesh:
-    """Return midpoint radii and azimuths from 0 with their areas; points without surface left out.
+    """Return midpoint radii and azimuths from 0 with their areas; points without surface omitted.
 
     Azimuths begin at 0, so that a symmetric surface is met symmetrically.
     """

@@ -413,7 +413,7 @@ class Problem:
         return new, largest
 
     def without_gross(self, system: System, good: list[Any]) -> list[Any]:
-        """Return which readings are left when gross contradictions are taken out."""
+        """Return which readings are left when gross contradictions are removed."""
         beta = _huber(system)
         rest = system.y - system.X @ beta
         kept = [g.copy() for g in good]

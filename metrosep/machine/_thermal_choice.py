@@ -347,7 +347,7 @@ class Reading:
         return polished if self._score(polished) < self._score(grid) else grid
 
     def settled(self) -> Settled:
-        """Return the fit of the chosen sensors with refined lags; those that show nothing are left out."""
+        """Return the fit of the chosen sensors with refined lags; those that show nothing are omitted."""
         keys, messages = list(self.chosen), []
         trials = max(len(self.inputs.sensors) * len(self.inputs.lags), 1)
         while True:

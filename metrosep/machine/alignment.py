@@ -207,7 +207,7 @@ class Alignment:
         return out.reshape(shape)
 
     def amounts(self, maps: ArrayLike) -> FloatArray:
-        """Return how much of each used freedom is taken out of each map, (k, m) or (k,), in its unit."""
+        """Return how much of each used freedom is removed from each map, (k, m) or (k,), in its unit."""
         values, shape = self._checked(maps)
         found = np.linalg.solve(self.mixing, self.components(values))
         return np.asarray(found.reshape((len(self.used), *shape[1:])), dtype=np.float64)

@@ -91,7 +91,7 @@ class Calibration:
     null : tuple of str
         What the readings cannot tell apart, a sentence each.
     condition : float
-        Of the columns of unit length, null directions left out.
+        Of the columns of unit length, null directions omitted.
     unknowns : mapping of str to mapping
         By set and name what was found of the set-up: ``(values, u)``; of ``form`` the profile of the
         artefact at the places of the set.

@@ -614,7 +614,7 @@ class Chain:
         Returns
         -------
         ndarray, shape (..., n), m or rad
-            In the order of the set; zero where the axis is no joint.
+            In the order of the set; zero where the axis is not a joint.
         """
         found = self._values(q, errors)
         shape = self._states(q, (0.0, 0.0, 0.0)).shape
@@ -774,7 +774,7 @@ def presets(
     R - x; FTS is its current height s = S - z_f. **EXX runs along the workpiece's +X, against x**:
     a slide that stands 1 um too far along its own x has EXX = -1 um. Of every other axis of every
     preset the positioning error (EXX, EYY, EZZ, EZFTS, EAA, ECC) is that of its position. The spindle angle theta puts the cut point at the
-    workpiece azimuth -theta. Z may be left out: it is then no joint, and its errors do nothing.
+    workpiece azimuth -theta. Z may be omitted: it is then no joint, and its errors do nothing.
     B0Z is the paper's eta_zx with the sign of its eq 1 (eq 9 has the other one).
 
     Error motions are those that an instrument reads at the tool point (0, 0, 0) with the other axes

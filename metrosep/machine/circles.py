@@ -112,7 +112,7 @@ class CircleTest:
     noise : Quantity, m
         Standard deviation of one reading.
     messages : tuple of str
-        What was left out and what was not determined.
+        What was omitted and what was not determined.
     audit : mapping
         Settings and noise, units in the keys.
     """
@@ -239,10 +239,10 @@ def circle_test(
 
     Notes
     -----
-    Readings within 1 degree of a reversal are left out of the fit, and spikes behind the reversals
+    Readings within 1 degree of a reversal are omitted from the fit, and spikes behind the reversals
     (height, decay) are fitted to what is left and taken off before the fit is repeated. The
     uncertainty comes from white noise and drift that the readings themselves show (restricted
-    likelihood, eq. 17 of [1]_). NaN is left out. G, F and D are those of the readings, spikes
+    likelihood, eq. 17 of [1]_). NaN is omitted. G, F and D are those of the readings, spikes
     included; their u is that of two readings (G), one (F).
 
     References

@@ -110,7 +110,7 @@ def identify(
     curves : mapping of str to int or "auto", optional
         Terms that are curves over the travel of their axis, and how many orders (linear axis) or
         harmonics (spindle) each may have: ``{"EZX": 6, "EZC": 3}``; with "auto" as many as foretell
-        what is left out of the maps best (cross-validation).
+        what is omitted from the maps best (cross-validation).
     form : Form, optional
         Nominal surface, with its origin on the axis of the part; a plane if omitted. With several
         maps a list, one for each.

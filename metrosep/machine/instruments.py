@@ -147,7 +147,7 @@ class Instrument:
         Returns
         -------
         Instrument
-            A new one; the same where the unknown is no part of where it stands.
+            A new one; the same where the unknown is not a part of where it stands.
         """
         return self
 

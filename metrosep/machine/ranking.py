@@ -149,7 +149,7 @@ def rank(
     -----
     ``d = Ez - dz/dx Ex - dz/dy Ey`` [1]_; Sq is the root of the mean of d^2 over the area seen
     along z. First order in the errors: exact poses differ by 0.04 nm at 1 um and 0.001 deg on a
-    part of 20 mm. Points where a measured map is NaN are left out and counted in a message. The mesh
+    part of 20 mm. Points where a measured map is NaN are omitted and counted in a message. The mesh
     holds no point at the centre, where the azimuth is not defined.
 
     References

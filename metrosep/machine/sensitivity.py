@@ -239,7 +239,7 @@ class SensitivityTable(PublicObject):
         Parameters
         ----------
         aligned : bool, optional
-            Whether the removed freedoms are taken out.
+            Whether the removed freedoms are removed.
 
         Returns
         -------

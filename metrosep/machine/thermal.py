@@ -352,7 +352,7 @@ class ThermalFit:
         return ErrorSet(both, correlations=kept)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values, SI; the record itself is left out.
+        """Return plain values, SI; the record itself is omitted.
 
         Returns
         -------

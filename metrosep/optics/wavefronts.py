@@ -442,7 +442,7 @@ def wavefront(
     Notes
     -----
     Each ray keeps the position where it met the surface. NaN of a map stays NaN: a pixel without a
-    measured neighbour in x or in y has no slope and is left out, counted in `messages`. Slopes of a
+    measured neighbour in x or in y has no slope and is omitted, counted in `messages`. Slopes of a
     map are centred differences, three-point ones at its rim, exact on a parabola. The paper [1]_ states neither the kind of
     wavefront nor the aperture; reflection of a plane wave fits its Table 4 best.
 

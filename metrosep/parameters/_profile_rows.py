@@ -452,7 +452,7 @@ def profile_elements(
     1. Crossings: linear between neighbours of opposite sign; a run of exact zeros between them
        crosses in its middle. 2. Portions below a threshold are dropped, and neighbours of one
        sign joined; the crossing that counts is the one next to the later portion. 3. Elements run
-       from crossing to next but one; what touches an end or a gap is incomplete and left out.
+       from crossing to next but one; what touches an end or a gap is incomplete and omitted.
        A portion that an end cuts below a threshold gives no crossing either with "first"; with
        "both" it joins nothing, and its neighbour keeps its own crossing. O(n).
 

@@ -54,7 +54,7 @@ def height_statistics(z: ArrayLike) -> HeightStatistics:
 
     With d = z - mean(z) over the n valid pixels: Sa = sum|d| / n, Sq^2 = sum d^2 / n,
     Ssk = sum d^3 / (n Sq^3), Sku = sum d^4 / (n Sq^4), Sp = max d, Sv = -min d, Sz = Sp + Sv.
-    Every pixel has the same weight. NaN is left out. Nothing but the mean is removed.
+    Every pixel has the same weight. NaN is omitted. Nothing but the mean is removed.
 
     Source: ISO 25178-2:2021, height parameters (clause 4.2; number recalled, not checked).
 

@@ -359,7 +359,7 @@ def _cubic_around(
 def dominant_wavelength(z: ArrayLike, dx: float, dy: float = 1.0) -> float:
     """Return Ssw (Rsw of one row): the wavelength of the largest magnitude of the Fourier transform.
 
-    The mean is removed, there is no window, and the zero frequency is left out. Pixels that were
+    The mean is removed, there is no window, and the zero frequency is omitted. Pixels that were
     not measured count as the mean: a hole has no height of its own.
 
     Source: ISO 25178-2:2021, ISO 21920-2:2021, 4.3 (recalled, not checked).

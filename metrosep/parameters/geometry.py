@@ -285,7 +285,7 @@ def datum_plane(
     Parameters
     ----------
     points : array_like, shape (n, 3), m
-        Of the face; NaN is left out.
+        Of the face; NaN is omitted.
     outward : array_like, shape (3,)
         Roughly the direction out of the material.
     association : {"tangent", "LS"}, optional
@@ -335,7 +335,7 @@ def datum_axis(points: ArrayLike, *, direction: ArrayLike) -> DatumAxis:
     Parameters
     ----------
     points : array_like, shape (n, 3), m
-        Of the cylinder; NaN is left out.
+        Of the cylinder; NaN is omitted.
     direction : array_like, shape (3,)
         Roughly along the axis.
 
@@ -423,7 +423,7 @@ def cylindricity(
     Parameters
     ----------
     points : array_like, shape (n, 3), m
-        Of the cylinder; NaN is left out.
+        Of the cylinder; NaN is omitted.
     direction : array_like, shape (3,)
         Roughly along the axis.
     reference : {"MZ", "LS"}, optional
@@ -604,7 +604,7 @@ def parallelism(points: ArrayLike, datum: DatumPlane) -> GeometricDeviation:
     Parameters
     ----------
     points : array_like, shape (n, 3), m
-        Of the face; NaN is left out.
+        Of the face; NaN is omitted.
     datum : DatumPlane
         Of another face, in the same frame.
 
@@ -645,7 +645,7 @@ def perpendicularity(
     Parameters
     ----------
     points : array_like, shape (n, 3), m
-        Of the face; NaN is left out.
+        Of the face; NaN is omitted.
     datum : DatumPlane
         Of another face, in the same frame.
     normal : array_like, shape (3,)
@@ -784,7 +784,7 @@ def coaxiality(points: ArrayLike, sections: ArrayLike, datum: DatumAxis) -> Geom
     Parameters
     ----------
     points : array_like, shape (n, 3), m
-        Of the cylinder; NaN is left out.
+        Of the cylinder; NaN is omitted.
     sections : array_like, shape (n,)
         Which section each point belongs to: a number or a text.
     datum : DatumAxis
@@ -827,7 +827,7 @@ def run_out(
     Parameters
     ----------
     points : array_like, shape (n, 3), m
-        Of the surface; NaN is left out.
+        Of the surface; NaN is omitted.
     datum : DatumAxis
         In the same frame.
     sections : array_like, shape (n,), optional

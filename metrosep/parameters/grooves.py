@@ -146,7 +146,7 @@ def step_height(
     Parameters
     ----------
     obj : Profile or Surface
-        Not filtered; NaN is left out. Of a map the groove runs along the other axis.
+        Not filtered; NaN is omitted. Of a map the groove runs along the other axis.
     width : float (m) or str with unit, optional
         W, of the groove; needed without `upper` and `lower`.
     middle : float (m) or str with unit, optional
@@ -233,7 +233,7 @@ def step_between(
     Parameters
     ----------
     surface : Surface
-        Not filtered, with both lateral steps; NaN is left out.
+        Not filtered, with both lateral steps; NaN is omitted.
     a, b : tuple of 2 floats (m) or str with unit
         Of a step: one on each of its faces, so that the edge lies in the middle third between them. Of
         a groove or ridge: its edges.

@@ -73,7 +73,7 @@ def interferometric_parameters(
 
     Notes
     -----
-    NaN is left out and never filled; ``context.n_valid`` belongs to each PV.
+    NaN is omitted and never filled; ``context.n_valid`` belongs to each PV.
 
     References
     ----------

@@ -267,7 +267,7 @@ def abbott_curve(heights: ArrayLike) -> AbbottCurve:
     Parameters
     ----------
     heights : array_like, any shape, m
-        Heights; NaN are left out.
+        Heights; NaN are omitted.
 
     Returns
     -------

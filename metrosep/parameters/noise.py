@@ -317,7 +317,7 @@ class NoiseFromPsd(StationaryNoise):
     Notes
     -----
     Linear between the given frequencies, the first density below them, nothing above them. What
-    lies above the Nyquist frequency of the object is left out, not folded back.
+    lies above the Nyquist frequency of the object is omitted, not folded back.
 
     Examples
     --------
@@ -397,7 +397,7 @@ class NoiseFromRepeats(Noise):
         for noise that is alike everywhere. ``"combine"``: sum of all residuals with normal
         weights; keeps where the noise sits (edges, drift) and allows gaps.
     remove_mean : bool, optional
-        Whether the mean height of each repeat is taken out first.
+        Whether the mean height of each repeat is removed first.
 
     Raises
     ------
@@ -592,7 +592,7 @@ def noise_of_repeats(
     objects : sequence of Profile or of Surface
         At least 2, on the same points.
     remove_mean : bool, optional
-        Whether the mean height of each repeat is taken out first: it is drift, not noise.
+        Whether the mean height of each repeat is removed first: it is drift, not noise.
 
     Returns
     -------

@@ -325,7 +325,7 @@ class MonteCarloTable:
     correlation : ndarray, shape (n, n)
         Of the draws, in the order of the names.
     n_failed : int
-        Draws that could not be evaluated and are left out.
+        Draws that could not be evaluated and are omitted.
     notes : tuple of str
         What a reader must know.
     """

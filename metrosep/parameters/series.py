@@ -165,7 +165,7 @@ def part_series(
     Returns
     -------
     PartSeries
-        Terms with fewer than five values are left out, which a message says.
+        Terms with fewer than five values are omitted, which a message says.
 
     Raises
     ------

@@ -147,7 +147,7 @@ class GaugeResult:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the file is not verified, or is only in part, and what to doubt; else empty."""
+        """Why the file is not verified, or is only in part, and what is uncertain; else empty."""
         missing = self._missing
         n = f"{len(missing)} of {len(self.rows)} values were not compared: {', '.join(missing)}"
         return (*self.reader_warnings, *self.damage, *self.unread, *((n,) if missing else ()))

@@ -503,7 +503,7 @@ def mean_peak_curvature(
 
     -(d2z/dx2 + d2z/dy2) / 2 of the least-squares quadratic through the pixels within `reach` of the
     peak: 3 x 3, or 5 x 5 where noise of single pixels matters. Peaks with a filled or missing pixel
-    among them are left out. A noisy pixel is a sharp peak: filter first.
+    among them are omitted. A noisy pixel is a sharp peak: filter first.
 
     Source: ISO 25178-2:2021, clause 5.8 (Spc; recalled, not checked).
     """

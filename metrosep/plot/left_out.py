@@ -44,7 +44,7 @@ def left_out_plot(source: Any, *, direction: str | None = None) -> Figure:
     -------
     matplotlib Figure
         Position in mm; every strip in nm (or µm) on the same scale, averaged over 1/60 of the
-        travel, offset taken out. Beside each: the run, its feedrate in mm/min, its misfit
+        travel, offset removed. Beside each: the run, its feedrate in mm/min, its misfit
         (chi-square per degree of freedom, 1 where the noise explains the strip), and what was found.
 
     Raises

@@ -121,7 +121,7 @@ def sensitivity_maps(
     terms : sequence of str, optional
         Terms in this order; the first eight that leave something if omitted.
     aligned : bool, optional
-        Whether the removed freedoms are taken out.
+        Whether the removed freedoms are removed.
     columns : int, optional
         Maps in a row, at least 1.
 

@@ -571,7 +571,7 @@ def loop_history_plot(history: LoopHistory, ax: Axes | None = None) -> Axes:
     Returns
     -------
     matplotlib Axes
-        In nm, logarithmic; what is zero is left out.
+        In nm, logarithmic; what is zero is omitted.
     """
     cycles = np.arange(history.rms.shape[0])
     with house_style():

@@ -380,7 +380,7 @@ class FollowUp(Frozen):
     residual : ndarray, shape (n,), m
         Error minus regression.
     delay : Quantity, s
-        By how much actual lags the command; NaN if it cannot be told.
+        By how much actual lags the command; NaN if it cannot be determined.
     quantities : mapping of str to Quantity
         ``PV``, ``PV95``, ``RMS`` of the error in m, ``noise`` of the command in m.
     map : FollowUpMap or None

@@ -85,7 +85,7 @@ class Settled:
 def settle(task: Task, start: Mapping[str, float]) -> Settled:
     """Return the least-squares values from a start; what the points do not determine stays there.
 
-    Where the steps do not settle and a shift is less well known than the centre that is left out
+    Where the steps do not settle and a shift is less well known than the centre that is omitted
     around the apex, that shift is held too.
     """
     found, said = _settled(task, start)

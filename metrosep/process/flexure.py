@@ -227,9 +227,9 @@ def flexure_calibration(
 
     Notes
     -----
-    Samples where either channel is NaN are left out and counted. Dwells on one voltage are
+    Samples where either channel is NaN are omitted and counted. Dwells on one voltage are
     averaged, also of a noisy voltage that jumps between levels; samples on the way are counted. Sweeps are cut at the turning points. Whole sweeps count (95 % of the range); parts of
-    one are left out and named. Where a direction has no whole sweep, the first and the last part
+    one are omitted and named. Where a direction has no whole sweep, the first and the last part
     of a log that started inside the stroke are joined; failing that, parts of more than half stand
     in and the range is cut to what all sweeps share. They are compared on common voltages: the levels of
     the log where all sweeps share them, else 101 voltages by linear interpolation.
@@ -527,7 +527,7 @@ class Sweeps:
 
 
 def sweeps(v: FloatArray, d: FloatArray) -> Sweeps:
-    """Return the sweeps of the whole range; halves of one are joined, other parts left out.
+    """Return the sweeps of the whole range; halves of one are joined, other parts omitted.
 
     Where a direction has no whole sweep its longest parts stand in, and the range is theirs.
     """

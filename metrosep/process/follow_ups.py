@@ -78,7 +78,7 @@ def follow_up(
     terms : sequence of str, optional
         Of ``velocity acceleration jerk position friction`` (sign of velocity).
     delay : float, str or {"estimate"}, s, optional
-        Known lag of the actual channel behind the command *in the logger*, taken out first.
+        Known lag of the actual channel behind the command *in the logger*, removed first.
         ``"estimate"`` takes out the best one: nothing is then left for velocity.
     window : int, odd, >= 7, optional
         Samples of the local polynomials; chosen from the noise of the command if omitted.
@@ -119,7 +119,7 @@ def follow_up(
     ``fe = c0 + cv v + ca a + cj j``, motion of the command by local polynomials of degree 5.
     Time that jitters by more than 0.1 % of a step is resampled by a cubic spline; gaps stay NaN.
     A delay d of the actual channel and cv = -d are the same thing to first order. The delay is
-    therefore reported, but taken out only where it is known. Residuals of a servo are not
+    therefore reported, but removed only where it is known. Residuals of a servo are not
     independent: the covariance comes from autoregressive models of the residual and of its means
     over 4, 16 and 64 samples, the largest variance counts, never below that of independent
     samples; ``bandwidth_samples`` in the audit is the sum of the autocorrelation. Samples that are

@@ -213,7 +213,7 @@ class PrandtlIshlinskii:
         Returns
         -------
         HysteresisFit
-            Model, residuals, also on the last minor loop, which is left out of the fit.
+            Model, residuals, also on the last minor loop, which is omitted from the fit.
 
         Raises
         ------
@@ -227,7 +227,7 @@ class PrandtlIshlinskii:
         Non-negative least squares on plays at fixed thresholds, plus a constant. Where a minor loop can be left
         out, a curve behind the plays and one in front of them are tried too (of third order, growing); the
         one is taken that leaves least of the log (RMS), if that is at most nine tenths of what the plays alone
-        leave, and no more than that on the loop that is left out. The first rise from
+        leave, and no more than that on the loop that is omitted. The first rise from
         rest is explained as one of a stage never driven; a log that starts elsewhere tells nothing of
         thresholds before the voltage first turns.
         """
@@ -247,7 +247,7 @@ class HysteresisFit(Frozen):
     rms : float, m
         Of what the model leaves of the samples it was fitted to.
     worst_left_out : float, m
-        Largest residual on the minor loop that was left out; NaN where there was none.
+        Largest residual on the minor loop that was omitted; NaN where there was none.
     curve : {"none", "front", "behind"}
         Which curve the model has: none, of the voltage, or of the displacement.
     messages : tuple of str

@@ -156,7 +156,7 @@ def gouge_check(
     the smallest lateral length where the form knows one (period, pixel), up to five million points;
     azimuths are at least 12 and turn by the golden angle from radius to radius. What is
     narrower lies between two points and is not seen; the messages say how wide that is for a form
-    that does not repeat. NaN (off the surface) is left out with a message.
+    that does not repeat. NaN (off the surface) is omitted with a message.
 
     Examples
     --------
@@ -467,7 +467,7 @@ def window_check(
     Notes
     -----
     The contact lies at ``tan(psi) = z_r / (kz +- z_t ky)``, with rake further round the nose than the
-    slope; the worse of both ways of the tool counts. Yaw is left out; `tip_path` has it.
+    slope; the worse of both ways of the tool counts. Yaw is omitted; `tip_path` has it.
 
     Examples
     --------

@@ -81,7 +81,7 @@ def compare_static(
     Parameters
     ----------
     before, after : array_like, shape (n,), m
-        Errors without and with compensation; lengths may differ, NaN is left out and counted.
+        Errors without and with compensation; lengths may differ, NaN is omitted and counted.
     step : float, s
         Sampling interval of both.
     resolution : float, m, optional

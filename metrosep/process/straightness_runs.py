@@ -294,7 +294,7 @@ def run_polynomial(
     Parameters
     ----------
     runs : iterable of Profile
-        Repeated runs; NaN is left out.
+        Repeated runs; NaN is omitted.
     quantity : {"error", "compensation"}
         What the runs hold, and so what the polynomial gives; never inferred.
     degree : int or {"aicc", "f-test"}, optional

@@ -617,9 +617,9 @@ def identify_setting(
     -----
     Least squares over the valid points, Gauss-Newton with analytic derivatives, damped where the
     valley is curved, until no freedom moves by more than 1e-3 of its uncertainty; the first step
-    from zero is the linear solution. Points within 3 hypot(dx, dy) of the axis are left out. The correlation of the residual along x and y raises the uncertainty; on scattered
+    from zero is the linear solution. Points within 3 hypot(dx, dy) of the axis are omitted. The correlation of the residual along x and y raises the uncertainty; on scattered
     points it is only said. A freedom that the points do not determine is given up, shifts and
-    rotation first: on a one-sided profile a shift looks exactly like dx. NaN is left out.
+    rotation first: on a one-sided profile a shift looks exactly like dx. NaN is omitted.
 
     References
     ----------

@@ -78,6 +78,7 @@ def characteristics(
                 "verdict": verdict,
                 "k": k,
                 "u_source": source,
+                **({"p": check["p"]} if "p" in check else {}),
             }
         )
     checked = {c["metric"] for c in recipe.checks}
@@ -87,7 +88,7 @@ def characteristics(
 
 def _origin(check: Mapping[str, Any], quantity: Quantity) -> tuple[float, str]:
     """Return the coverage factor of U of a check, and where U comes from."""
-    if "U" in check:
+    if check.get("U", FROM_FIT) != FROM_FIT:
         return check.get("k", 2.0), str(check.get("U_from", "stated"))
     from metrosep.forms._correlated import expanding_factor
 
@@ -161,7 +162,9 @@ def judged(
     """
     entries = []
     verdicts = []
-    for i, check in enumerate(recipe.checks):
+    for i, stated in enumerate(recipe.checks):
+        of_fit = stated.get("U_from") == "fit"
+        check = {**stated, "U": FROM_FIT} if of_fit else stated
         metric, place = check["metric"], recipe.place("[[check]]", i)
         if metric not in found:
             known = ", ".join(found)
@@ -169,7 +172,7 @@ def judged(
                 f'metric = "{metric}" is not in this result; there are {known}', "metric"
             )
         quantity = found[metric]
-        given = check.get("U", FROM_FIT if check.get("U_from") == "fit" else None)
+        given = check.get("U")
         for key in ("lower", "upper", "U"):
             if key in check and check[key] != FROM_FIT:
                 problem = limit_problem(key, check[key], metric, quantity.unit)
@@ -181,6 +184,7 @@ def judged(
         verdict: Verdict
         k, source = _origin(check, quantity)
         more: dict[str, Any] = {"u_source": source, "k": k}
+        more |= {"p": check["p"]} if "p" in check else {}
         if metric in unsure:
             verdict, expanded = "inconclusive", None if given in (None, FROM_FIT) else float(given)
             more["reason"] = unsure[metric]

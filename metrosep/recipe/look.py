@@ -199,6 +199,7 @@ _ATTRIBUTES = frozenset(
         "version",
     ]
 )
+_WRAPS = (f"{{{_SVG}}}a", f"{{{_SVG}}}switch")
 _ADDRESS = re.compile(r"url\(\s*(?!#[\w.-]+\s*\))", re.IGNORECASE)
 
 
@@ -238,6 +239,8 @@ def _strip(element: Any) -> None:
             del element.attrib[key]
     for child in list(element):
         tag = child.tag if isinstance(child.tag, str) else ""
+        if tag in _WRAPS:  # the shapes of a link stay, its address goes
+            child.tag = tag = f"{{{_SVG}}}g"
         if tag.removeprefix(f"{{{_SVG}}}") in _ELEMENTS and tag.startswith(f"{{{_SVG}}}"):
             _strip(child)
         else:

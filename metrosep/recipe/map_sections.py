@@ -190,7 +190,7 @@ def section_metrics(section: Mapping[str, Any]) -> dict[str, str]:
 def check_sections(
     sections: Sequence[Mapping[str, Any]], place_of: Any, *, measures: bool
 ) -> None:
-    """Refuse sections of a recipe without a map, equal names, and points that are no section."""
+    """Refuse sections of a recipe without a map, equal names, and points that are not a section."""
     if len(sections) > MOST_SECTIONS:
         raise place_of(MOST_SECTIONS).error(
             f"a recipe has {MOST_SECTIONS} sections at most", "kind"

@@ -401,7 +401,7 @@ def _maps(
 
 
 def sources(inputs: Inputs) -> tuple[tuple[Step, ...], tuple[str, ...]]:
-    """Return the steps that led to inputs, and what was odd about their files."""
+    """Return the steps that led to inputs, and what was unusual about their files."""
     each: tuple[Any, ...] = inputs if isinstance(inputs, tuple) else (inputs,)
     history: list[Step] = []
     warnings: list[str] = []

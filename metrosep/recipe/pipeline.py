@@ -134,7 +134,7 @@ STEPS: Mapping[str, PipelineOp] = {
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """A step that was carried out, or skipped.
+    """A step that was run, or skipped.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class Stage:
     index : int
         Its number in the list, from 0.
     enabled : bool
-        Whether it was carried out.
+        Whether it was run.
     obj : Surface or Profile
         After the step.
     found : mapping of str to Quantity
@@ -305,9 +305,9 @@ def run_steps(
     steps : sequence of mapping
         ``op`` and keys: texts with units as in a recipe, or numbers in SI.
     upto : int, optional
-        How many steps of the list are carried out; all if omitted.
+        How many steps of the list are run; all if omitted.
     first : int, optional
-        Number of the first step of the list, where earlier ones were carried out before: their
+        Number of the first step of the list, where earlier ones were run before: their
         last object is `obj` then.
     cancel : callable, optional
         Asked before each step; true stops.

@@ -57,7 +57,7 @@ Check = Callable[[Mapping[str, Any]], None]
 
 
 class StepError(DataError):
-    """A step that cannot be carried out as it is written, or not on this kind of data."""
+    """A step that cannot be run as it is written, or not on this kind of data."""
 
     def __init__(self, message: str, key: str | None = None) -> None:
         super().__init__(message)

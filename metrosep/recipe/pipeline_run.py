@@ -82,7 +82,7 @@ class Measurement:
 
     @property
     def history(self) -> tuple[Step, ...]:
-        """The source and every step that was carried out, evaluations too."""
+        """The source and every step that was run, evaluations too."""
         return (*self.source.history, *(step for s in self.stages for step in s.history))
 
     @property
@@ -230,7 +230,7 @@ def run_pipeline(
 
 
 def measured_result(recipe: Recipe, measured: Measurement) -> Result:
-    """Return the result of steps that were carried out already; nothing is written."""
+    """Return the result of steps that were run already; nothing is written."""
     from metrosep.recipe.describe.describe_measure import measurement_of
     from metrosep.recipe.preflight import require_limits
     from metrosep.recipe.result import Result

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.core.errors import DataError, RecipeError
-from metrosep.core.limits import FROM_FIT, Limit, limit_problem, order_problem
+from metrosep.core.limits import COVERAGE, FROM_FIT, Limit, limit_problem, order_problem
 from metrosep.core.readable import PREFIXED, typed_number
 from metrosep.core.units import parse_quantity
 from metrosep.parameters.decision import decide
@@ -150,6 +150,17 @@ def _check_limits(check: Mapping[str, Any], place: Place, *, has_table: bool) ->
             f'U_from = "{origin}" is not known; write fit, repeats, stated, "budget: FILE" or '
             '"certificate: NUMBER"',
             "U_from",
+        )
+    stray = next((key for key in ("k", "p") if key in check), None)
+    if stray and check.get("U", FROM_FIT) == FROM_FIT:
+        raise place.error(
+            f"{stray} belongs to a stated U; without one metrosep expands u itself, to p = "
+            f"{100 * COVERAGE:.2f} %. State U, or leave {stray} out",
+            stray,
+        )
+    if not 0.5 < check.get("p", COVERAGE) < 1.0:
+        raise place.error(
+            f"p = {100 * check['p']:g} %: a coverage probability lies between 50 % and 100 %", "p"
         )
     if not check.get("k", 2.0) >= 1.0:
         raise place.error(f"k = {check['k']:g}: a coverage factor is at least 1", "k")

@@ -350,7 +350,7 @@ class Recipe:
         progress: Progress | None = None,
         overwrite: bool = False,
     ) -> Result:
-        """Carry out the recipe.
+        """Run the recipe.
 
         Parameters
         ----------
@@ -391,7 +391,7 @@ class Recipe:
         resume: bool = True,
         **options: Any,
     ) -> Any:
-        """Carry out the recipe on every input of a folder (`metrosep.batch.run_batch`).
+        """Run the recipe on every input of a folder (`metrosep.batch.run_batch`).
 
         Parameters
         ----------

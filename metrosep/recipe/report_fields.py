@@ -201,7 +201,7 @@ def report_tables() -> dict[str, dict[str, Option]]:
 
 
 def checked_report(data: Any, where: str = "[report]") -> dict[str, Any]:
-    """Return a table ``[report]`` with its values in SI, or refuse it; empty fields are left out.
+    """Return a table ``[report]`` with its values in SI, or refuse it; empty fields are omitted.
 
     Raises DataError with the key, what is wrong and the nearest spelling.
     """
@@ -239,7 +239,7 @@ def checked_languages(given: Sequence[str], where: str) -> list[str]:
 
 
 def checked_table(data: Any, options: Mapping[str, Option], where: str) -> dict[str, Any]:
-    """Return one table with its values in SI; texts are one line, empty ones are left out."""
+    """Return one table with its values in SI; texts are one line, empty ones are omitted."""
     if not isinstance(data, Mapping):
         raise DataError(f"{where} is a table, found {data!r}")
     found = {}

@@ -68,7 +68,7 @@ def run_recipe(
     overwrite: bool = False,
     beside: Sequence[PathLike] = (),
 ) -> Result:
-    """Carry out a recipe; see `Recipe.run`. Without `out` its tables may have places of their own."""
+    """Run a recipe; see `Recipe.run`. Without `out` its tables may have places of their own."""
     tell = progress or _silent
     folder = None if out is None else Path(out)
     places = [folder / n for n in table_names(recipe)] if folder else [Path(p) for p in beside]

@@ -364,7 +364,7 @@ def recipe_words(recipe: Recipe, message: str) -> str:
 
 @contextmanager
 def in_recipe_words(recipe: Recipe) -> Iterator[None]:
-    """Let errors name keys of the recipe that is carried out, as the command ``run`` prints them."""
+    """Let errors name keys of the recipe that is run, as the command ``run`` prints them."""
     try:
         yield
     except MetrosepError as exc:

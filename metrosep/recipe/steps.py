@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from metrosep.core.limits import RULES
+from metrosep.core.limits import COVERAGE, RULES
 from metrosep.core.methods import METHODS
 from metrosep.core.options import options_of
 from metrosep.recipe.methods.plan import PLAN
@@ -141,7 +141,8 @@ METRICS = {
 }
 
 _OF_U = {
-    "k": Field("number", help="coverage factor of U", default=2.0, low=1.0),
+    "k": Field("number", help="coverage factor of a stated U", default=2.0, low=1.0),
+    "p": Field("share", help="coverage probability of a stated U", default=COVERAGE),
     "U_from": Field(
         "text",
         help='origin of U: stated, repeats, "budget: FILE", "certificate: NO"; or fit',

@@ -11,6 +11,7 @@ upper limit, K2142 unit, K2900 remark with definition, U and guard band.
 
 from __future__ import annotations
 
+import math
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
@@ -27,6 +28,7 @@ from metrosep.report.text import (
     document_writer,
     exchange_names,
     one_line,
+    printing,
 )
 
 __all__ = ["render_dfq", "write_dfq"]
@@ -198,9 +200,12 @@ def _scale(row: CharacteristicRow) -> tuple[str, float]:
 
 
 def _decimals(row: CharacteristicRow, factor: float) -> int:
-    spread = row.u if row.u is not None else row.U
-    sizes = [abs(v) / factor for v in (row.value, row.lower, row.upper) if v is not None]
-    return decimals_for(None if spread is None else spread / factor, max(sizes, default=0.0))
+    """Return the decimals of a row in the unit of its limits: to the place that U has on paper."""
+    of = printing(row.value, row.U or row.u, row.unit, (row.lower, row.upper))
+    if of.place is None:
+        sizes = [abs(v) / factor for v in (row.value, row.lower, row.upper) if v is not None]
+        return decimals_for(None, max(sizes, default=0.0))
+    return max(-of.place - round(math.log10(of.factor / factor)), 0)
 
 
 def _scaled(value: float, factor: float) -> str:

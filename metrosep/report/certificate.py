@@ -11,7 +11,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from decimal import ROUND_HALF_EVEN, ROUND_HALF_UP, Decimal
+from decimal import Decimal
 from functools import cache, partial
 from itertools import zip_longest
 from typing import Any
@@ -32,12 +32,11 @@ from metrosep.report.text import (
     CharacteristicRow,
     capital,
     characteristic_rows,
-    decimals_for,
     limits_text,
     names_said,
-    number,
     one_line,
-    readable_unit,
+    printing,
+    rounded_pair,
     stamp,
 )
 
@@ -49,7 +48,6 @@ __all__ = [
     "origins_of",
     "picture_words",
     "quoted",
-    "rounded_pair",
     "said",
     "texts_of",
     "traces",
@@ -196,58 +194,6 @@ def fields_of(document: Document) -> dict[str, Any]:
         moments = measured_at(document)
         fields["measured"] = "/".join(m[:10] for m in moments.split("/"))
     return fields
-
-
-# ---- a value with its expanded uncertainty, GUM 7.2.6 ----------------------------------------------
-
-
-def rounded_pair(
-    value: float | None, U: float | None, unit: str, *, limits: Sequence[float | None] = ()
-) -> tuple[str, str, str]:
-    """Return value and U to the same place with their unit: U to two digits, half up, the value half even.
-
-    The arithmetic is decimal, on the shortest text of each float.
-
-    Examples
-    --------
-    >>> rounded_pair(1.3634567e-6, 0.1049e-6, "m"), rounded_pair(0.84137e-12, 0.0996e-12, "m")
-    (('1.36', '0.10', 'µm'), ('0.84', '0.10', 'pm'))
-    """
-    name, factor = _unit_of(value, U, unit, limits)
-    shown_unit = "" if name == "1" else name
-    if U is None or not U > 0.0:
-        size = 0.0 if value is None else abs(value / factor)
-        text = "–" if value is None else number(value, factor, decimals_for(None, size))
-        return text, "–" if U is None else "0", shown_unit
-    scale = Decimal(repr(factor))
-    spread = Decimal(repr(float(U))) / scale
-    place = Decimal(1).scaleb(spread.adjusted() - 1)
-    kept = spread.quantize(place, ROUND_HALF_UP)
-    if kept.adjusted() > spread.adjusted():  # 0.0996 is 0.10
-        place = place.scaleb(1)
-        kept = kept.quantize(place, ROUND_HALF_UP)
-    text = "–"
-    if value is not None:
-        shown = (Decimal(repr(float(value))) / scale).quantize(place, ROUND_HALF_EVEN)
-        text = f"{abs(shown) if shown == 0 else shown:f}".replace("-", "−")
-    return text, f"{kept:f}", shown_unit
-
-
-def _unit_of(
-    value: float | None, U: float | None, unit: str, limits: Sequence[float | None]
-) -> tuple[str, float]:
-    """Return the unit of a row and its factor; a larger one where U would have three digits."""
-    name, factor = readable_unit([value] if value else [*limits], unit)
-    if U is None or not U > 0.0:
-        return name, factor
-    if not value and not any(limits):
-        name, factor = readable_unit([U], unit)
-    while U / factor >= 100.0:
-        larger, more = readable_unit([1.0001e3 * factor], unit)
-        if more <= factor:
-            break
-        name, factor = larger, more
-    return name, factor
 
 
 # ---- the page ----------------------------------------------------------------------------------------
@@ -456,16 +402,13 @@ def expanded_of(entry: Document, row: CharacteristicRow) -> tuple[float | None, 
 def coverage_of(
     entry: Document, row: CharacteristicRow
 ) -> tuple[float | None, float | None, float | None]:
-    """Return U, k and the coverage probability of a value; None if not known."""
+    """Return U, k and the coverage probability of a value: 95.45 % but where another is stated; None if not known."""
     U, k = expanded_of(entry, row)
-    if U is None or k is None:
-        return U, k, None
-    return U, k, COVERAGE if expanded_here(entry, row) else math.erf(k / math.sqrt(2.0))
-
-
-def expanded_here(entry: Document, row: CharacteristicRow) -> bool:
-    """Return whether U was made by the program, for `COVERAGE`; of a typed U only k is known."""
-    return row.U is None or entry.get("u_source") in ("fit residual", "of the method")
+    if (
+        not U or k is None
+    ):  # simple acceptance: there is no distribution of which k and p could speak
+        return U, None, None
+    return U, k, float(entry.get("p", COVERAGE))
 
 
 def _rows(document: Document, t: Mapping[str, str], language: str) -> list[dict[str, Any]]:
@@ -481,15 +424,15 @@ def _rows(document: Document, t: Mapping[str, str], language: str) -> list[dict[
 def _row(
     entry: Document, row: CharacteristicRow, t: Mapping[str, str], bar: Any, language: str
 ) -> dict[str, Any]:
-    U, k = expanded_of(entry, row)
-    value, spread, unit = rounded_pair(row.value, U, row.unit, limits=(row.lower, row.upper))
-    _, factor = _unit_of(row.value, U, row.unit, (row.lower, row.upper))
+    U, k, _ = coverage_of(entry, row)
+    limits = (row.lower, row.upper)
+    value, spread, unit = rounded_pair(row.value, U, row.unit, limits=limits)
     p = _probability(entry, row, U, k)
     texts = {
         "value": value,
         "U": spread,
-        "k": "–" if k is None or U is None else f"{k:.2f}",
-        "limits": limits_text(row.lower, row.upper, factor),
+        "k": "–" if k is None else f"{k:.2f}",
+        "limits": limits_text(*limits, printing(row.value, U, row.unit, limits).factor),
         "probability": "–" if p is None else _percent(p),
     }
     texts = {key: printed(text, language) for key, text in texts.items()}
@@ -559,7 +502,7 @@ def origins_of(document: Document, t: Mapping[str, str]) -> list[str]:
     named = names_said(document, partial(said, language=languages_of(document)[0]))
     entries = document.get("characteristics") or []
     for entry, row in zip(entries, characteristic_rows(document), strict=True):
-        U, k = expanded_of(entry, row)
+        U, k, p = coverage_of(entry, row)
         if row.verdict is None or U is None:
             continue
         source = one_line(entry.get("u_source") or "of the method")
@@ -571,8 +514,8 @@ def origins_of(document: Document, t: Mapping[str, str]) -> list[str]:
         words = t[word].format(what=what.strip())
         if k is not None:
             words += f", k = {comma(f'{k:.2f}')}"
-            if word in ("u_fit", "u_method"):
-                words += f", {t['coverage'].format(p=comma(f'{100 * COVERAGE:.2f} %'))}"
+        if p is not None:
+            words += f", {t['coverage'].format(p=comma(f'{100 * p:.2f} %'))}"
         found.setdefault(words, []).append(named(entry, row.name))
     return [f"{', '.join(dict.fromkeys(names))}: {words}" for words, names in found.items()]
 

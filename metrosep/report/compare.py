@@ -80,7 +80,7 @@ def compare_documents(
     known. Curves and tables are compared entry by entry at the same positions: two results of the
     same P-V and opposite sign differ; so are the maps and profiles of a measurement. A check that asks
     another thing is a difference: limits, guard factor, definition, and U where it changed by more
-    than the tolerance of its row. Recipe, inputs and versions are told but do not count.
+    than the tolerance of its row. Recipe, inputs and versions are listed but do not count.
     """
     for name, document in (("A", a), ("B", b)):
         _require_result(document, name)

@@ -25,7 +25,6 @@ from metrosep.core.readable import readable_unit
 from metrosep.recipe.report_fields import missing_fields
 from metrosep.report.certificate import (
     coverage_of,
-    expanded_here,
     fields_of,
     method_of,
     standards_of,
@@ -358,13 +357,9 @@ def _characteristics(
 def _measurement(each: _Row, name: str, ids: tuple[str, str, str], devices: Any) -> Any:
     row, (own, item, component) = each.row, ids
     U, k, p = coverage_of(each.entry, row)
-    if U == 0.0:  # simple acceptance: there is no distribution of which k and p could speak
-        k = p = None
-    if not expanded_here(each.entry, row):
-        p = None
     u = U / k if U is not None and k is not None else row.u
     numbers = {} if U is None else {"expandedUncertainty": each.number(U)}
-    numbers |= {} if k is None or U is None else {"coverageFactor": repr(k)}
+    numbers |= {} if k is None else {"coverageFactor": repr(k)}
     numbers |= {} if p is None else {"coverageProbability": f"{p:.9g}"}
     source = each.entry.get("u_source") if U is not None else None
     spread = {} if u is None else {"combinedUncertainty": each.number(u)}

@@ -21,7 +21,7 @@ _MOST = 4
 
 
 def element(space: str, name: str, *inside: Any) -> Any:
-    """Return an element; a mapping holds attributes, a text the text, None is left out."""
+    """Return an element; a mapping holds attributes, a text the text, None is omitted."""
     made = ET.Element(f"{{{space}}}{name}")
     for item in inside:
         if isinstance(item, str):

@@ -12,6 +12,7 @@ import tomllib
 import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import ROUND_HALF_EVEN, ROUND_HALF_UP, Decimal
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ from metrosep.report.comparison import known_number
 __all__ = [
     "SEPARATED_NOTE",
     "CharacteristicRow",
+    "Printing",
     "Stamp",
     "capital",
     "cell_text",
@@ -38,7 +40,9 @@ __all__ = [
     "number",
     "one_line",
     "plan_rows",
+    "printing",
     "readable_unit",
+    "rounded_pair",
     "separation_audit",
     "separation_rows",
     "size",
@@ -143,6 +147,72 @@ def number(value: float | None, factor: float, decimals: int) -> str:
     if float(text) == 0.0:
         text = text.lstrip("-")  # what rounds to zero has no sign
     return text.replace("-", "−")
+
+
+# ---- a value with its expanded uncertainty, GUM 7.2.6 ----------------------------------------------
+
+
+class Printing(NamedTuple):
+    """How the numbers of a row are printed: one unit and one last digit, those of U where it is known."""
+
+    unit: str  # ``"1"`` for pure numbers
+    factor: float
+    place: int | None  # power of ten of the last digit in this unit; ``None`` without U
+    decimals: int
+
+    def text(self, value: float | None, rounding: str = ROUND_HALF_EVEN) -> str:
+        """Return a number of the row; decimal, on the shortest text of each float."""
+        if value is None or self.place is None:
+            return number(value, self.factor, self.decimals)
+        scaled = Decimal(repr(float(value))) / Decimal(repr(self.factor))
+        kept = scaled.quantize(Decimal(1).scaleb(self.place), rounding)
+        return f"{abs(kept) if kept == 0 else kept:f}".replace("-", "−")
+
+
+def printing(
+    value: float | None, U: float | None, unit: str, limits: Sequence[float | None] = ()
+) -> Printing:
+    """Return how a value, its U and its limits are printed: U has two digits, and fewer than three before the point.
+
+    Examples
+    --------
+    >>> printing(-427e-12, 65e-6, "m").text(-427e-12), printing(-427e-12, 65e-6, "m").unit
+    ('0', 'µm')
+    """
+    name, factor = readable_unit([value] if value else [*limits], unit)
+    if U is None or not U > 0.0:
+        sizes = [abs(v) / factor for v in ([value] if value else limits) if v is not None]
+        whole = isinstance(value, int)  # a count
+        return Printing(
+            name, factor, None, 0 if whole else decimals_for(None, max(sizes, default=0.0))
+        )
+    if not value and not any(limits):
+        name, factor = readable_unit([U], unit)
+    while U / factor >= 99.5:
+        larger, more = readable_unit([1.0001e3 * factor], unit)
+        if more <= factor:
+            break
+        name, factor = larger, more
+    spread = Decimal(repr(float(U))) / Decimal(repr(factor))
+    place = spread.adjusted() - 1
+    rounded = spread.quantize(Decimal(1).scaleb(place), ROUND_HALF_UP)
+    place += rounded.adjusted() - spread.adjusted()  # 0.0996 is 0.10
+    return Printing(name, factor, place, max(-place, 0))
+
+
+def rounded_pair(
+    value: float | None, U: float | None, unit: str, *, limits: Sequence[float | None] = ()
+) -> tuple[str, str, str]:
+    """Return value and U to the same place with their unit: U half up, the value half even.
+
+    Examples
+    --------
+    >>> rounded_pair(1.3634567e-6, 0.1049e-6, "m"), rounded_pair(0.84137e-12, 0.0996e-12, "m")
+    (('1.36', '0.10', 'µm'), ('0.84', '0.10', 'pm'))
+    """
+    row = printing(value, U, unit, limits)
+    spread = row.text(U, ROUND_HALF_UP) if U != 0.0 else "0"
+    return row.text(value), spread, "" if row.unit == "1" else row.unit
 
 
 def size(n_bytes: Any) -> str:

@@ -18,6 +18,7 @@ from metrosep.recipe.step_help import keys_of_step, step_words
 from metrosep.report.certificate import (
     bar_of,
     certificate,
+    expanded_of,
     printed,
     quoted,
     said,
@@ -35,7 +36,9 @@ from metrosep.report.text import (
     number,
     one_line,
     plan_rows,
+    printing,
     readable_unit,
+    rounded_pair,
     separation_audit,
     separation_rows,
     size,
@@ -174,7 +177,7 @@ def _characteristics(document: Document, first: Mapping[str, Any]) -> list[dict[
     say = partial(said, language=first["language"])
     named, made = names_said(document, say), []
     for entry, row in zip(entries, rows, strict=True):
-        texts = {**_characteristic(entry), "guard": _guard(row)}
+        texts = _characteristic(entry, row)
         for key in ("value", "u", "U", "limits", "guard"):
             texts[key] = printed(texts[key], first["language"])
         texts["name"] = named(entry, texts["name"])
@@ -185,34 +188,25 @@ def _characteristics(document: Document, first: Mapping[str, Any]) -> list[dict[
     return made
 
 
-def _guard(row: CharacteristicRow) -> str:
-    """Return the guard band with its unit, empty where it is not known."""
-    if row.guard is None:
-        return ""
-    unit, factor = _row_unit(row.value, (row.lower, row.upper), row.unit)
-    return f"{row.guard / factor:.3g} {'' if unit == '1' else unit}".strip()
-
-
-def _characteristic(entry: Document) -> dict[str, Any]:
-    value, u, expanded = entry.get("value"), entry.get("u"), entry.get("U")
-    lower, upper = entry.get("lower"), entry.get("upper")
-    unit, factor = _row_unit(value, (lower, upper), entry.get("unit") or "1")
-    sizes = [abs(v) / factor for v in ([value] if value else [lower, upper]) if v is not None]
-    spread = u if u is not None else expanded
-    decimals = decimals_for(None if spread is None else spread / factor, max(sizes, default=0.0))
-    if isinstance(value, int) and not spread:
-        decimals = 0  # a count
-    judged = entry.get("verdict") is not None
+def _characteristic(entry: Document, row: CharacteristicRow) -> dict[str, Any]:
+    """Return the texts of a value: rounded as on the first page, and u to the place of U."""
+    U, _ = expanded_of(entry, row)
+    limits = (row.lower, row.upper)
+    of = printing(entry.get("value"), U or row.u, row.unit, limits)
     return {
         "name": _plain_name(entry),
         "symbol": entry.get("symbol") or "",
-        "value": "not known" if value is None else number(value, factor, decimals),
-        "unit": "" if unit == "1" else unit,
-        "u": number(u, factor, decimals),
-        "U": number(expanded, factor, decimals),
-        "limits": limits_text(lower, upper, factor),
+        "value": "not known" if row.value is None else of.text(row.value),
+        "unit": "" if of.unit == "1" else of.unit,
+        "u": of.text(row.u),
+        "U": rounded_pair(row.value, row.U, row.unit, limits=limits)[1],
+        "limits": limits_text(*limits, of.factor),
         "definition": _sentence(entry.get("definition")),
-        "stamp": stamp(entry["verdict"]) if judged else None,
+        "stamp": None if row.verdict is None else stamp(row.verdict),
+        # empty where it is not known
+        "guard": ""
+        if row.guard is None
+        else f"{row.guard / of.factor:.3g} {'' if of.unit == '1' else of.unit}".strip(),
     }
 
 
@@ -221,13 +215,6 @@ def _plain_name(entry: Document) -> str:
     name = str(entry.get("name") or entry.get("symbol") or "")
     is_words = name == entry.get("metric") and len(name.split("_", maxsplit=1)[0]) > 1
     return name.replace("_", " ") if is_words else name
-
-
-def _row_unit(
-    value: float | None, limits: tuple[float | None, float | None], unit: str
-) -> tuple[str, float]:
-    """Return the unit in which the value reads well, or the limits where there is no value."""
-    return readable_unit([value] if value else [*limits], unit)
 
 
 def _messages(document: Document, estimate: Document) -> list[str]:

@@ -12,15 +12,15 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 from metrosep.core.errors import DataError, UnsupportedFeatureError
+from metrosep.report.certificate import expanded_of
 from metrosep.report.comparison import known_number
 from metrosep.report.index import Series, require_index, series_of, status_stamp
 from metrosep.report.text import (
     CharacteristicRow,
     characteristic_rows,
-    decimals_for,
     document_writer,
     one_line,
-    readable_unit,
+    printing,
     stamp,
 )
 from metrosep.report.view import view
@@ -47,7 +47,8 @@ _MOST_ROWS = 1_048_000
 
 _HEADS = (
     ("characteristic", 46), ("metric", 14), ("value", 14), ("unit", 8), ("lower", 12), ("upper", 12),
-    ("u", 12), ("U", 12), ("guard band", 12), ("verdict", 18), ("definition", 80),
+    ("u", 12), ("U", 12), ("k", 8), ("guard band", 12), ("verdict", 18), ("origin of U", 24),
+    ("definition", 80),
 )  # fmt: skip
 
 
@@ -57,7 +58,7 @@ def render_workbook(document: Mapping[str, Any]) -> bytes:
     stream = io.BytesIO()
     book = new_workbook(stream, one_line(shown["title"]))
     _summary(book, document, shown)
-    _characteristics(book, rows)
+    _characteristics(book, document.get("characteristics") or [], rows)
     _profiles(book, document)
     _provenance(book, document, shown)
     book.close()
@@ -164,40 +165,37 @@ def _picture(sheet: Worksheet, document: Mapping[str, Any], row: int) -> None:
         return
 
 
-def _characteristics(book: Workbook, rows: Sequence[CharacteristicRow]) -> None:
+def _characteristics(
+    book: Workbook, entries: Sequence[Mapping[str, Any]], rows: Sequence[CharacteristicRow]
+) -> None:
     sheet = _sheet(book, "Characteristics", [w for _, w in _HEADS])
     head = book.add_format({"bold": True, "bottom": 1})
     for i, (name, _) in enumerate(_HEADS):
         sheet.write_string(0, i, name, head)
     sheet.freeze_panes(1, 1)
     styles: dict[str | None, Any] = {}
-    for i, row in enumerate(rows, start=1):
-        unit, factor, decimals = _printed(row)
-        digits = book.add_format({"num_format": "0." + "0" * decimals if decimals else "0"})
+    for i, (entry, row) in enumerate(zip(entries, rows, strict=True), start=1):
+        U, k = expanded_of(entry, row)
+        of = printing(row.value, U or row.u, row.unit, (row.lower, row.upper))
+        digits = book.add_format({"num_format": f"{0:.{of.decimals}f}"})
         sheet.write_string(i, 0, row.name[:_MOST_LETTERS])
         sheet.write_string(i, 1, row.metric[:_MOST_LETTERS])
-        sheet.write_string(i, 3, "" if unit == "1" else unit[:_MOST_LETTERS])
-        for column, value in ((2, row.value), (6, row.u), (7, row.U), (8, row.guard)):
-            _number(sheet, i, column, value, factor, digits)
+        sheet.write_string(i, 3, "" if of.unit == "1" else of.unit[:_MOST_LETTERS])
+        for column, value in ((2, row.value), (6, row.u), (7, row.U), (9, row.guard)):
+            _number(sheet, i, column, value, of.factor, digits)
         for column, value in ((4, row.lower), (5, row.upper)):
-            _number(sheet, i, column, value, factor, None)
+            _number(sheet, i, column, value, of.factor, None)
+        if row.U is not None:
+            _number(sheet, i, 8, k, 1.0, book.add_format({"num_format": "0.00"}))
+            sheet.write_string(i, 11, one_line(entry.get("u_source") or "of the method"))
         if row.verdict is not None:
             mark = stamp(row.verdict)
             if row.verdict not in styles:
                 styles[row.verdict] = _verdict_style(book, row.verdict)
-            sheet.write_string(i, 9, f"{mark.symbol} {mark.word}", styles[row.verdict])
-        sheet.write_string(i, 10, row.definition[:_MOST_LETTERS])
+            sheet.write_string(i, 10, f"{mark.symbol} {mark.word}", styles[row.verdict])
+        sheet.write_string(i, 12, row.definition[:_MOST_LETTERS])
     if rows:
         sheet.autofilter(0, 0, len(rows), len(_HEADS) - 1)
-
-
-def _printed(row: CharacteristicRow) -> tuple[str, float, int]:
-    """Return the unit of a row, its factor to SI, and the decimals to show."""
-    numbers: list[float | None] = [row.value] if row.value else [row.lower, row.upper]
-    unit, factor = readable_unit(numbers, row.unit)
-    largest = max((abs(n) / factor for n in numbers if n is not None), default=0.0)
-    spread = row.u if row.u is not None else row.U
-    return unit, factor, decimals_for(None if spread is None else spread / factor, largest)
 
 
 def _number(

@@ -91,7 +91,7 @@ class StoredResult:
         return reduced(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None: arrays as lists, large tables left out."""
+        """Return plain values for JSON, SI, NaN as None: arrays as lists, large tables omitted."""
         names = self._stored or [f.name for f in fields(self)]  # type: ignore[arg-type]
         return {name: _plain(getattr(self, name)) for name in names}
 

@@ -339,7 +339,7 @@ def checked_seed(value: Any) -> int:
 
 
 def real_numbers(values: Any, name: str) -> NDArray[Any]:
-    """Return an array of real numbers of any kind; what is no such array is refused by name."""
+    """Return an array of real numbers of any kind; what is not such an array is refused by name."""
     try:
         array = np.asarray(values)
         is_complex = np.iscomplexobj(array)

@@ -401,7 +401,7 @@ def pooled_periodogram(
     Parameters
     ----------
     records : sequence of ndarray, shape (n_r,)
-        Same sampling interval; segments that hold a NaN are left out. The mean of each segment
+        Same sampling interval; segments that hold a NaN are omitted. The mean of each segment
         is removed.
     time_step : float, s
         Sampling interval.

@@ -76,7 +76,7 @@ class BinnedMean:
         Parameters
         ----------
         x, z : array_like, shape (n,)
-            Positions and readings; pairs with a NaN are counted and left out.
+            Positions and readings; pairs with a NaN are counted and omitted.
 
         Raises
         ------
@@ -151,7 +151,7 @@ class StreamedPsd:
     Notes
     -----
     Periodic Hann window; the mean of each segment is removed; segments with a NaN are counted
-    and left out. For white noise the density integrates to the variance.
+    and omitted. For white noise the density integrates to the variance.
 
     References
     ----------

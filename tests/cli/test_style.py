@@ -59,9 +59,23 @@ def messages(folder):
     return tuple(_texts(folder))
 
 
+@cache
+def trees():
+    return {p: ast.parse(p.read_text(encoding="utf-8")) for p in sorted(PACKAGE.rglob("*.py"))}
+
+
+def _pages(node, path):
+    """Yield the docstrings of what has no underscore: `help()` shows them."""
+    for each in ast.iter_child_nodes(node):
+        if isinstance(each, ast.FunctionDef | ast.ClassDef) and not each.name.startswith("_"):
+            yield f"{path}:{each.lineno}", ast.get_docstring(each) or ""
+            yield from _pages(each, path)
+
+
 def _texts(folder):
-    for path in sorted((PACKAGE / folder).rglob("*.py")):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+    for path, tree in trees().items():
+        if not path.is_relative_to(PACKAGE / folder):
+            continue
         quiet = {
             id(node.value)
             for node in ast.walk(tree)
@@ -95,6 +109,12 @@ def test_no_message_of_the_package_has_a_word_of_the_list(word):
     pattern = {**WORDS, **ELSEWHERE}[word]
     found = [(w, t) for w, t in messages(".") if " " in t.strip() and re.search(pattern, t)]
     assert found == []
+
+
+@pytest.mark.parametrize("word", WORDS)
+def test_no_page_of_the_reference_has_a_word_of_the_list(word):
+    pages = (page for path, tree in trees().items() for page in _pages(tree, path.name))
+    assert [(where, t) for where, t in pages if re.search(WORDS[word], t)] == []
 
 
 def test_the_help_of_an_option_stands_alone():

@@ -8,6 +8,7 @@ import pytest
 import metrosep as ms
 from metrosep.cli.main import main
 from metrosep.core.errors import RecipeError
+from metrosep.report import render_html
 
 STEP, SIDE, BLUR = 10e-6, 72, 5
 
@@ -121,6 +122,30 @@ def test_limits_of_a_radius_on_both_sides_of_zero_are_refused(tmp_path):
 
     with pytest.raises(RecipeError, match="judge the curvature c"):
         recipe.run(part(tmp_path / "part.h5", 100e-3, 1))
+
+
+def test_both_ways_to_ask_for_the_uncertainty_of_the_fit_are_one(tmp_path):
+    """U_from = "fit" needs no U, judges, and says on the page how U was found."""
+    limits = 'lower = "90 mm"\nupper = "110 mm"\n'
+    file = part(tmp_path / "part.h5", 100e-3, 3)
+    found = []
+    for key in ('U = "from fit"\n', 'U_from = "fit"\n'):
+        (tmp_path / "r.toml").write_text(RECIPE + limits + key, encoding="utf-8")
+        out = tmp_path / key.split()[0]
+        assert command("run", tmp_path / "r.toml", file, "-o", out) == 0
+        document = json.loads((out / "result.json").read_text())
+        found.append(next(c for c in document["characteristics"] if c["metric"] == "R"))
+    assert found[0] == found[1]
+    assert (found[1]["verdict"], found[1]["u_source"]) == ("accept", "fit residual")
+    page = render_html(document)
+    assert f"k = {found[1]['k']:.2f}, coverage probability 95.45" in page.replace("\xa0", " ")
+
+
+@pytest.mark.parametrize("key", ["k = 3.0", 'p = "99 %"'])
+def test_a_factor_of_no_stated_uncertainty_is_refused(tmp_path, key):
+    text = f'{RECIPE}upper = "200 mm"\nU_from = "fit"\n{key}\n'
+    with pytest.raises(RecipeError, match=f"{key[0]} belongs to a stated U"):
+        ms.Recipe.parse(text, name="r.toml")
 
 
 def test_from_fit_belongs_to_fits(tmp_path):

@@ -1,6 +1,7 @@
 """The first page of a report: every field that is stated, none that is not; drafts, languages, templates."""
 
 import hashlib
+import io
 import json
 import re
 import shutil
@@ -12,6 +13,7 @@ import zlib
 from html import unescape
 
 import numpy as np
+import openpyxl
 import pytest
 
 import metrosep as ms
@@ -27,11 +29,12 @@ from metrosep.recipe.report_fields import (
     missing_fields,
     report_tables,
 )
-from metrosep.report import render_html
-from metrosep.report.certificate import catalogue, quoted, rounded_pair, said
+from metrosep.report import render_dfq, render_html
+from metrosep.report.certificate import catalogue, quoted, said
 from metrosep.report.issuing import Register
-from metrosep.report.text import capital
+from metrosep.report.text import capital, rounded_pair
 from metrosep.report.view import view
+from metrosep.report.workbook import render_workbook
 
 PROBABILITY = 5e-7
 """Half of the last digit of the values that were computed elsewhere."""
@@ -267,10 +270,42 @@ def test_a_stated_date_that_the_file_contradicts_is_a_warning_on_the_first_page(
         (0.0, 2.5e-9, "m", ("0.0", "2.5", "nm")),
         (0.5e-6, 120e-9, "m", ("0.50", "0.12", "µm")),
         (1363.4, 120.0, "1", ("1360", "120", "")),
+        (-427e-12, 65e-6, "m", ("0", "65", "µm")),
+        (1.3634567e-6, 99.96e-9, "m", ("1.36", "0.10", "µm")),
     ],
 )
 def test_value_and_uncertainty_are_rounded_to_the_same_place(value, U, unit, shown):
     assert rounded_pair(value, U, unit) == shown
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "U", "shown"),
+    [
+        (-427e-12, 32.5e-6, 65e-6, ("0", "32", "65", "µm")),
+        (1.3634567e-6, 0.0498e-6, 0.0996e-6, ("1.36", "0.05", "0.10", "µm")),
+        (2.32441e-9, None, 0.196e-9, ("2.32", "–", "0.20", "nm")),
+        (100.00449e-3, 0.000995e-3, None, ("100.0045", "0.0010", "–", "mm")),
+    ],
+)
+def test_page_annex_workbook_and_exchange_file_round_alike(value, u, U, shown):
+    judged = {"U": U, "k": 2.0, "upper": 2e-3, "verdict": "accept"} if U else {"dof": 1e9}
+    entry = {"metric": "m", "name": "m", "value": value, "unit": "m", "u": u, **judged}
+    document = {"characteristics": [entry], "inputs": [], "recipe": {}}
+    seen = view(document)
+    annex, (first,) = seen["characteristics"][0], seen["c"]["rows"]
+    assert (annex["value"], annex["u"], annex["U"], annex["unit"]) == shown
+    assert (first["value"], first["unit"]) == (shown[0], shown[3])
+    assert first["U"] == (shown[2] if U else "0.0020")
+    book = openpyxl.load_workbook(io.BytesIO(render_workbook(document)))["Characteristics"]
+    head = {c.value: c.column for c in book[1]}
+    cell = book.cell(2, head["value"])
+    digits = len(cell.number_format.partition(".")[2])
+    assert digits == len(shown[0].partition(".")[2])
+    assert book.cell(2, head["unit"]).value == shown[3]
+    dfq = render_dfq([document]).decode("cp1252")
+    if U:  # in mm, the unit of the limit
+        power = {"µm": 3, "nm": 6, "mm": 0}[shown[3]]
+        assert f"K2022/1 {digits + power}\r\n" in dfq
 
 
 def test_the_probability_of_conformity_is_that_of_the_guide():
@@ -296,7 +331,9 @@ def test_k_follows_the_degrees_of_freedom():
 def test_k_and_origin_of_the_uncertainty_stand_on_the_first_page(part):
     first = words(render_html(run(part, REPORT))).partition("Annex")[0]
     assert re.search(r"Sq|root mean square", first)
-    assert "from the certificate PTB 4711, k = 2.13" in first
+    assert "from the certificate PTB 4711, k = 2.13, coverage probability 95.45" in first
+    stated = Recipe.parse(STEPS + 'p = "99 %"\n', folder=part.parent).run(part).document
+    assert "k = 2.13, coverage probability 99.00 %" in words(render_html(stated))
 
 
 @pytest.mark.parametrize(
@@ -624,14 +661,13 @@ def test_a_wrong_template_is_refused_before_anything_is_written(part, text, says
 def test_a_cleaned_svg_keeps_shapes_only():
     made = clean_svg(
         b'<svg xmlns="http://www.w3.org/2000/svg" xmlns:x="http://www.w3.org/1999/xlink" onload="a()">'
-        b'<script>b()</script><a x:href="http://h"><rect/></a><image x:href="file:///etc/passwd"/>'
+        b'<script>b()</script><a x:href="http://h"><rect/></a><switch><circle r="2"/></switch><image x:href="file:///etc/passwd"/>'
         b'<foreignObject><p xmlns="http://www.w3.org/1999/xhtml">c</p></foreignObject>'
         b'<rect width="3" style="fill:url(http://h/x);stroke:#fff" onclick="d()"/>'
         b'<style>@import "http://h"</style></svg>'
     )
-    assert (
-        made == b'<svg xmlns="http://www.w3.org/2000/svg"><rect width="3" stroke="#fff" /></svg>'
-    )
+    shapes = b'<g><rect /></g><g><circle r="2" /></g><rect width="3" stroke="#fff" />'
+    assert made == b'<svg xmlns="http://www.w3.org/2000/svg">' + shapes + b"</svg>"
     for bad in (
         b"<svg>",
         b"<html xmlns='http://www.w3.org/1999/xhtml'/>",

@@ -71,9 +71,15 @@ def test_values_units_and_uncertainties_come_back(document):
         assert row["unit"] == {"m": r"\metre", "1": r"\one"}[entry["unit"]]
         assert float(row["U"]) == entry["U"]
         assert float(row["k"]) == entry["k"]
-        assert 0.9 < float(row["p"]) < 1.0
+        assert row["p"] == "0.954499736"  # of a typed k too, where no other is stated
     assert found["height"]["verdict"] == "fail"
     assert found["skewness"]["verdict"] in ("conditionalPass", "conditionalFail")
+
+
+def test_a_stated_coverage_probability_is_in_the_certificate(document):
+    entries = [{**e, "k": 2.37, "p": 0.99} for e in document["characteristics"]]
+    found = quantities(render_dcc({**document, "characteristics": entries}, pdf=PDF))
+    assert (found["height"]["k"], found["height"]["p"]) == ("2.37", "0.99")
 
 
 def test_a_draft_gives_no_certificate(document):

@@ -11,6 +11,9 @@ from metrosep.core.errors import DataError, WriteError
 from metrosep.report.qif import render_qif
 from metrosep.report.schemas import require_valid
 
+ROUNDED_P = 5e-6
+"""Of 95.45 %, which is a rounded number."""
+
 NAMES = {"q": "http://qifstandards.org/xsd/qif3"}
 VERDICTS = {
     "accept": "PASS",
@@ -111,8 +114,7 @@ def test_values_limits_and_uncertainties_come_back_to_the_last_digit(certified):
         assert row["U"] == entry["U"]
         assert float(row["k"]) == entry["k"]
         assert row["u"] == pytest.approx(entry["U"] / entry["k"], abs=1e-15 * abs(entry["U"]))
-        known = entry.get("u_source") in ("fit residual", "of the method")
-        assert (row["p"] is not None) == known  # of a typed U nobody said what it covers
+        assert float(row["p"]) == pytest.approx(entry.get("p", 0.9545), abs=ROUNDED_P)
         limits = {"MaxValue": entry.get("upper"), "MinValue": entry.get("lower")}
         assert row["limits"] == {k: v for k, v in limits.items() if v is not None}
         assert row["status"] == VERDICTS[entry["verdict"]]
@@ -178,7 +180,7 @@ def test_at_the_door_the_file_is_checked_and_repeats(certified, tmp_path, schema
     require_valid(made[0], schemas, "qif")
 
 
-def test_names_are_of_the_metric_where_no_check_gives_one_and_p_only_where_it_is_known(certified):
+def test_names_are_of_the_metric_where_no_check_gives_one_and_no_k_and_p_of_no_u(certified):
     what = "height of the second face over the first, one plane for both, section "
     rows = [
         ("section.left.h", what + "left", {"U": 1e-9, "k": 2.0, "u_source": "stated"}),
@@ -194,6 +196,6 @@ def test_names_are_of_the_metric_where_no_check_gives_one_and_p_only_where_it_is
     found = characteristics(render_qif({**certified, "characteristics": entries}))
     assert list(found) == ["section.left.h", "section.right.h", "section.right.h (2)", "Sq"]
     assert [(e["k"], e["p"] is not None) for e in found.values()] == [
-        ("2.0", False), (None, False), ("2.1", True), ("2.0", False),
+        ("2.0", True), (None, False), ("2.1", True), ("2.0", True),
     ]  # fmt: skip
     assert found["section.right.h"]["U"] == 0.0

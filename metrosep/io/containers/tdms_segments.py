@@ -107,7 +107,7 @@ class TdmsChannel:
 
 @dataclass(slots=True)
 class TdmsFile:
-    """Objects of a file by their path, and what is odd about it."""
+    """Objects of a file by their path, and what is unusual about it."""
 
     # to TdmsChannel: in the order of the file
     objects: dict[str, TdmsChannel] = field(default_factory=dict)

@@ -197,7 +197,7 @@ class TextSource:
     """Columns of numbers and of time of a text file; see `metrosep.io.stream.ChunkSource`.
 
     A column of dates or of times of day is in s from the first row; a date beside a time of day belongs
-    to it. Columns of words are no channels.
+    to it. Columns of words are not channels.
     """
 
     def __init__(self, file: RawFile, source: TextTable) -> None:

@@ -313,7 +313,7 @@ class Preamble:
         )
 
     def warnings(self, n_rows: int) -> tuple[str, ...]:
-        """Return what is odd about the lines above a table of so many rows."""
+        """Return what is unusual about the lines above a table of so many rows."""
         found = []
         if self._count is not None and self._count != n_rows:
             found.append(f"the file declares {self._count} rows and holds {n_rows}")

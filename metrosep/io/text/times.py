@@ -285,7 +285,7 @@ def moments(
     *,
     entries: Entries | None = None,
 ) -> Moments | None:
-    """Return a column as moments, with the dates beside it; None where its texts are no moments.
+    """Return a column as moments, with the dates beside it; None where its texts are not moments.
 
     `entries` are what the texts say, where that is known already.
     """

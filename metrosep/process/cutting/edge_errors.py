@@ -222,7 +222,7 @@ def cusp_heights(
     Parameters
     ----------
     nose : RoundNose
-        Of the tool; its waviness is left out.
+        Of the tool; its waviness is omitted.
     feed : float, m
         Advance per turn.
     servo : {"Z", "XZ"}, optional

@@ -71,7 +71,7 @@ def machine_deviations(
     An uncertainty of a term (of `ErrorSet`, or a column of its file) is that of all its positions together: the
     term and u times one number, the same everywhere. For a location error that is all there is; noise from
     position to position acts less. C is taken within one turn, 0 to 2 pi. A tilt acts at the tip; what it turns of the edge, R sin(psi)
-    times the tilt, is left out: 0.1 nm for 1 urad and a contact 0.1 mm beside the tip.
+    times the tilt, is omitted: 0.1 nm for 1 urad and a contact 0.1 mm beside the tip.
 
     Examples
     --------

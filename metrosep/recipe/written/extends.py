@@ -345,7 +345,7 @@ def toml_problem(error: Exception) -> str:
 
 
 def holds_mark(given: str) -> bool:
-    """Return whether an override holds the words that begin a mark, and could not be told from it.
+    """Return whether an override holds the words that begin a mark, and could not be distinguished from it.
 
     Examples
     --------

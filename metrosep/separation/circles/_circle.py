@@ -145,7 +145,7 @@ class Revolutions:
 def revolutions(readings: Any, n: int, *, what: str, n_min: int) -> Revolutions:
     """Return readings as (n, M, N) without incomplete revolutions.
 
-    A revolution in which any reading is missing is left out whole: an FFT would have to fill it.
+    A revolution in which any reading is missing is omitted whole: an FFT would have to fill it.
     """
     array = numbers(
         readings, f"readings of {n} {what} must be a regular array ({n}, N) or ({n}, M, N)"
@@ -494,7 +494,7 @@ class CircleMethod(SeparationMethod):
         ----------
         readings : array_like, shape (n, N) or (n, M, N)
             As `simulate` returns them: one revolution of N equal steps, or M revolutions. One in
-            which a reading is NaN is left out whole.
+            which a reading is NaN is omitted whole.
         u_reading : float, m, optional
             Standard deviation of one reading; from the readings if omitted, as far as they show it.
         start_angle : float, rad, optional

@@ -278,7 +278,7 @@ def multiprobe(
     ``m_i(theta) = r(theta + turn phi_i) + x(theta) cos(phi_i) + y(theta) sin(phi_i)``, least
     squares weighted by `cov` for each k. Three alike probes: the noise gain is
     ``sqrt(1 + c2^2 + c3^2) / |W_k|``, with ``W_k = 1 + c2 exp(j k phi_2) + c3 exp(j k phi_3)``.
-    Revolutions with a NaN are left out whole and counted. See docs: separation-multiprobe.
+    Revolutions with a NaN are omitted whole and counted. See docs: separation-multiprobe.
 
     References
     ----------

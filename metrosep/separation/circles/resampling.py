@@ -228,7 +228,7 @@ def resample_by_index(
         -1 where the spindle turns clockwise seen from +Z.
     faults : {"refuse", "drop"}, optional
         What happens on missing or double pulses: an error that names the revolution, or the
-        revolutions concerned are left out and named in the messages.
+        revolutions concerned are omitted and named in the messages.
     tolerance : float, 0 to 0.45, optional
         Relative departure of a revolution from the median of its neighbours that is a fault.
 

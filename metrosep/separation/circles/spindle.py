@@ -152,7 +152,7 @@ def iso230_7(
     ``X + iY = sum c_m exp(i m t)``, harmonic k of r holds c_(1+k) and conj c_(1-k): forward k = 1
     (eccentricity) becomes constant and vanishes, the zeros of the sensors (m = 0) become k = 1 and
     are removed, with them the real circle m = 2; backward m = -1 (an elliptical axis path) becomes
-    k = 2 and is kept. Revolutions with NaN are left out and named.
+    k = 2 and is kept. Revolutions with NaN are omitted and named.
 
     References
     ----------
@@ -611,7 +611,7 @@ _MEAN = "what all revolutions share is synchronous by definition"
 class SpindleSplit(RecordedMethod):
     """One fixed sensor over whole revolutions, after ISO 230-7, about the least-squares centre.
 
-    Readings (M, n) in m: at least 2 revolutions at the same n angles; one with a NaN is left out.
+    Readings (M, n) in m: at least 2 revolutions at the same n angles; one with a NaN is omitted.
     Parts: ``setting`` and ``synchronous``, (n,), over the angle; ``asynchronous``, (M, n), of each
     revolution (two revolutions are simulated where it is not given).
 

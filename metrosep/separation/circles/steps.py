@@ -71,7 +71,7 @@ class MultistepRoundness(CircleMethod):
         Index positions, in the order of the readings.
     eccentricity : {"fixed", "free"}, optional
         ``"fixed"``: the artefact keeps its place on the index table, so k = 1 is separated like
-        any other; ``"free"``: it was centred anew at each step, and k = 1 is left out.
+        any other; ``"free"``: it was centred anew at each step, and k = 1 is omitted.
     drift : {"none", "linear"}, optional
         ``"linear"``: a drift of the level in proportion to time, found from the means of
         consecutive revolutions, is taken off first.

@@ -201,7 +201,7 @@ class StraightedgeReversal(ReversedPair):
         NotSeparableError
             If the ranges do not overlap, or both estimates are of the same runs.
         DataError
-            If an uncertainty is no length, or the covariance of an estimate is not known.
+            If an uncertainty is not a length, or the covariance of an estimate is not known.
         """
         u_registration, u_common, u_drift = self._stated()
         _refuse_same_runs(first, second)

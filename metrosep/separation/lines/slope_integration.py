@@ -83,7 +83,7 @@ class SlopeIntegration(RecordedMethod):
         ``(z(x + step) - z(x)) / step``, and heights are sums, exact at n + 1 places. "simpson",
         "fourier" and "feet" need equal steps.
     zero_known : bool, optional
-        Whether the zero of the angle sensor is known. If not, the line is left out.
+        Whether the zero of the angle sensor is known. If not, the line is omitted.
 
     Raises
     ------

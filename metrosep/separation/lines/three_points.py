@@ -100,7 +100,7 @@ class ThreePoint(ProbeRowMethod):
     zero : float or None, m, optional
         Zero difference ``e1 - 2 e2 + e3`` of the probes (``e1 - (1 + r) e2 + r e3``, r = d1/d2):
         an error e of the middle probe alone is ``-2 e``. 0.0 for probes adjusted to one line.
-        Without it (and without an angle sensor) the parabola is not known and left out.
+        Without it (and without an angle sensor) the parabola is not known and omitted.
 
     Raises
     ------
@@ -181,7 +181,7 @@ def three_point(
 ) -> Separation:
     """Return form of an artefact, straightness and pitch of a carriage from three probes on it.
 
-    Call it ``three_point(m, distance, ...)``. The parabola of the form is left out unless the zero
+    Call it ``three_point(m, distance, ...)``. The parabola of the form is omitted unless the zero
     difference of the probes is known: pass ``zero=0.0`` to keep the parabola. Positions and
     straightness refer to the trailing probe.
 

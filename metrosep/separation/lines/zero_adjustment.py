@@ -89,7 +89,7 @@ def zero_calibration(
     their half sums, noise ``s sqrt(6 / (2 n))``. Flat: the mean of ``m1 - 2 m2 + m3`` minus that of
     the flat, ``s sqrt(6 / n)`` and `u_flat`. Positions
     count by their passes. Pitch: `three_point` by generalised least squares with
-    free zeros. NaN positions are left out.
+    free zeros. NaN positions are omitted.
 
     References
     ----------

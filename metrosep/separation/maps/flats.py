@@ -537,7 +537,7 @@ class OwnMasks:
         return shown @ np.linalg.inv(here) @ shown.T, rank
 
     def right_side(self, stack: FloatArray) -> FloatArray:
-        """Return what the readings say of each coefficient, alignment taken out."""
+        """Return what the readings say of each coefficient, alignment removed."""
         z = np.where(self.measured, stack[:, self.basis.mask], 0.0)
         sums = np.zeros((len(self.designs), len(self.basis.nm)))
         for block, piece in self.basis.blocks():
@@ -570,7 +570,7 @@ class OwnMasks:
         return found, left
 
     def residual(self, stack: FloatArray, coefficients: FloatArray) -> FloatArray:
-        """Return what the model leaves of each reading on its own pixels, alignment taken out."""
+        """Return what the model leaves of each reading on its own pixels, alignment removed."""
         terms = (self.solver.model @ coefficients).reshape(len(self.designs), -1).copy()
         terms[:, self.rigid] = 0.0
         rest = np.where(self.measured, stack[:, self.basis.mask] - self._values(terms), 0.0)

@@ -110,7 +110,7 @@ def lays_of(sets: list[FloatArray], relaid: bool) -> list[Lay]:
 
 
 def same_points(values: FloatArray) -> list[FloatArray]:
-    """Return repeats by groups that read the same points; those that read none are left out."""
+    """Return repeats by groups that read the same points; those that read none are omitted."""
     groups: dict[bytes, list[int]] = {}
     for i, z in enumerate(values):
         if not np.isnan(z).all():

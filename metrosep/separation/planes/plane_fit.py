@@ -581,7 +581,7 @@ class PlaneModel(RecordedMethod):
     the coupling is in the audit. `fit_plane_model` does the work. The coupling has
     ``u^2 = s^2 (1/M - h)``, h the leverage of the sum model at the point:
     ``s^2 (1 - 1/n_x) (1 - 1/n_y) / M`` on a whole map. Of one map without `u_reading` smooth coupling
-    alone is told from noise.
+    alone is distinguished from noise.
 
     Parameters
     ----------

@@ -172,7 +172,7 @@ class Expansion:
         Parameters
         ----------
         given : mapping
-            Options; what is no field of `Expansion` is left alone.
+            Options; what is not a field of `Expansion` is left alone.
 
         Returns
         -------

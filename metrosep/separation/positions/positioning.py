@@ -457,7 +457,7 @@ def as_positions(data: RoleColumns, values: str) -> RoleColumns:
 
 
 def are_deviations(data: RoleColumns) -> bool:
-    """Return whether readings span far less than their targets, so that they are no positions."""
+    """Return whether readings span far less than their targets, so that they are not positions."""
     found = (data.values.get(k) for k in ("readings", "forward", "backward"))
     together = np.concatenate([np.ravel(v) for v in found if v is not None])
     return _range(together) < _SMALL * _range(np.asarray(data.values["target"], dtype=np.float64))

@@ -421,7 +421,7 @@ class ErrorEstimate(PublicObject):
 
     @property
     def runs(self) -> pd.DataFrame:
-        """Checks of the runs, those left out too: gain and shift against the others, findings."""
+        """Checks of the runs, those omitted too: gain and shift against the others, findings."""
         import pandas as pd
 
         return pd.DataFrame(dict(self.runs_data))

@@ -97,7 +97,7 @@ def separate(
         said, "fit" fits it in any case. A lag can be found where lag times the difference of the
         feedrates stays below half the strongest wavelength. The other methods say what they see.
     exclude : "suspect", str or sequence of str, optional
-        Runs that are left out: names (``.runs["run"]``), or all in which `check_runs` finds a fault.
+        Runs that are omitted: names (``.runs["run"]``), or all in which `check_runs` finds a fault.
     accept : "suspect", str or sequence of str, optional
         Runs that are kept although they are refused.
     **options

@@ -122,8 +122,8 @@ def evidence_table(
         Shortest wavelength of the table; 2.5 samples of the coarsest run if omitted, at most 250
         rows.
     bandwidth : float, Hz, optional
-        Of the vibrations; feeds whose frequencies v/wavelength differ by less cannot be told
-        apart. The resolution of the shortest run if omitted; never less than it.
+        Of the vibrations; feeds whose frequencies v/wavelength differ by less cannot be
+        distinguished. The resolution of the shortest run if omitted; never less than it.
     false_discovery_rate : float, optional
         Of Benjamini and Hochberg.
 
@@ -149,7 +149,7 @@ def evidence_table(
     feed only, it raises S and lowers the evidence, which errs on the safe side. Coherence is
     ``|<Z_i conj(Z_j)>|^2 / (<|Z_i|^2> <|Z_j|^2>)`` over pairs of different feeds, no run twice.
     Lines and means are removed run by run, so a wave as long as the range is attenuated. Samples
-    that were not measured are left out of the sums.
+    that were not measured are omitted from the sums.
 
     Examples
     --------

@@ -138,7 +138,7 @@ class RunChecks:
     def settle(
         self, runs: RunSet, *, exclude: Named | None = None, accept: Named | None = None
     ) -> tuple[RunSet, RunChecks]:
-        """Return the runs that are used, and the table with what was left out."""
+        """Return the runs that are used, and the table with what was omitted."""
         out, kept = self._named(exclude, "exclude"), self._named(accept, "accept")
         names, findings = self.columns["run"], self.columns["finding"]
         open_ = [i for i, bad in enumerate(self.columns["refused"]) if bad and i not in out | kept]

@@ -396,7 +396,7 @@ def _n_harmonics(
 def joint_curves(
     solution: Solution, evaluation: tuple[float, float], travel: tuple[float, float]
 ) -> tuple[DirectionEstimate, Quantity, float]:
-    """Return curve with covariance, slope and level; the line over the evaluation range is taken out."""
+    """Return curve with covariance, slope and level; the line over the evaluation range is removed."""
     k = solution.n_harmonics
     grid, projected, to_line = _projected(solution, evaluation, travel)
     mid, half = float(np.mean(evaluation)), (evaluation[1] - evaluation[0]) / 2.0

@@ -272,7 +272,7 @@ class JointSeparation(SeparationMethod):
             Rows in the order of the feeds, columns in that of the positions; NaN = not measured.
         u_reading : float, m, optional
             Standard uncertainty of one reading. It replaces nothing: the noise model of the fit
-            gives u. A scatter well beyond it is told.
+            gives u. A scatter well beyond it is reported.
         history : tuple of Step, optional
             Where they came from.
 

@@ -138,7 +138,7 @@ def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
 def run_scores(model: Model) -> list[RunScore]:
     """Return the score of each run against all others; none for fewer than 3 runs.
 
-    A lag that the readings show and the model has not is taken out first: it moves the runs of
+    A lag that the readings show and the model has not is removed first: it moves the runs of
     each feedrate, and none of them is to blame.
     """
     if len(model.runs) < 3:
@@ -168,7 +168,7 @@ def _scores(model: Model) -> list[RunScore]:
 
 
 def suspicion(scores: Sequence[RunScore]) -> tuple[int, str] | None:
-    """Return the run that is farthest from what the others predict, and what is odd about it."""
+    """Return the run that is farthest from what the others predict, and what is unusual about it."""
     from scipy.stats import chi2
 
     if len(scores) < 3:

@@ -201,7 +201,7 @@ def splits(model: Model) -> list[Split]:
     """Return solutions along the split of the lag into delay and time constant, and their chances.
 
     With the share of the time constant the best lag moves, and where short waves are strong the
-    evidence is no parabola along that line: so it is not one top with a covariance, but a mean over
+    evidence is not a parabola along that line: so it is not one top with a covariance, but a mean over
     shares that are as likely before. The model is left at the likeliest.
     """
     top = lag_score(model)

@@ -774,7 +774,7 @@ def time_density(psd: Any, *, feed: float | None = None) -> TimeDensity:
 
     Notes
     -----
-    The zero frequency is the mean, not a disturbance, and is left out. The column
+    The zero frequency is the mean, not a disturbance, and is omitted. The column
     ``psd_nm2_per_hz`` is the measured density, not the model beside it.
 
     Examples

@@ -269,7 +269,7 @@ class System:
         return out
 
     def residuals(self, model: Model, post: Posterior | None = None) -> list[FloatArray]:
-        """Return readings minus model, offset and slip taken out; NaN where not measured."""
+        """Return readings minus model, offset and slip removed; NaN where not measured."""
         post = post or model.post
         assert post is not None  # noqa: S101  (after a solution)
         return [
@@ -278,7 +278,7 @@ class System:
         ]
 
     def rest(self, index: int, model: Model, theta: FloatArray) -> FloatArray:
-        """Return the readings of one run minus a geometry, offset taken out."""
+        """Return the readings of one run minus a geometry, offset removed."""
         run = model.runs[index]
         h = model.sensor.response(self.extension.wavenumbers, run.velocity)
         level = run.level_right - float(run.level @ filtered(theta, h))

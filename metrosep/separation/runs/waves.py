@@ -255,7 +255,7 @@ def find_slip(model: Model) -> bool:
 
 
 def p_values(model: Model, k: IntArray, feeds: list[int]) -> tuple[FloatArray, FloatArray]:
-    """Return for each harmonic the largest p value with one feedrate left out, and the variance.
+    """Return for each harmonic the largest p value with one feedrate omitted, and the variance.
 
     S = sum |q_r|^2, q_r = (h_r - G_r m)_k, over its expectation E = sum tr(G_r - G_r C G_r)_kk is
     chi-square over its degrees of freedom f = 2 (R - R_f)(R - 1)/R.
