@@ -1,5 +1,7 @@
 """The examples of the carriers: what is written, cut and left is what their pages say."""
 
+import contextlib
+import io
 import re
 import runpy
 import shlex
@@ -46,12 +48,17 @@ def written(examples, tmp_path_factory):
     return folder, run(examples / "carriers" / "tables.py", folder)
 
 
-def test_each_file_of_the_carriers_cuts_a_better_part_and_a_worse_one_if_flipped(
-    written, examples, capsys
-):
-    folder, names = written
-    run(examples / "carriers" / "cut_parts.py", folder)
-    rows = printed_rows(capsys.readouterr().out)
+@pytest.fixture(scope="module")
+def rows(written, examples):
+    """Return what the script prints of the parts that it cuts from the files."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        run(examples / "carriers" / "cut_parts.py", written[0])
+    return printed_rows(out.getvalue())
+
+
+def test_each_file_of_the_carriers_cuts_a_better_part_and_a_worse_one_if_flipped(written, rows):
+    names = written[1]
 
     assert set(rows) == set(names["CARRIERS"])
     for name, (before, after, flipped) in rows.items():
@@ -60,9 +67,7 @@ def test_each_file_of_the_carriers_cuts_a_better_part_and_a_worse_one_if_flipped
         assert flipped > 1.9 * before, name
 
 
-def test_page_of_the_carriers_says_what_the_script_prints(written, examples, capsys):
-    run(examples / "carriers" / "cut_parts.py", written[0])
-    rows = printed_rows(capsys.readouterr().out)
+def test_page_of_the_carriers_says_what_the_script_prints(rows, examples):
     page = (examples / "carriers" / "README.md").read_text("utf-8")
     stated = re.findall(r"^\| ([\w, -]+) \| ([\d.]+) \| ([\d.]+) \|", page, re.MULTILINE)
     told = {n: (float(a), float(f)) for names, a, f in stated for n in names.split(", ")}
