@@ -311,7 +311,7 @@ def test_a_map_is_cut_as_the_surface_it_was_made_of(tmp_path, centre, line):
 
 
 def test_a_hole_in_a_map_is_not_air_unless_the_path_ends_before_it(tmp_path):
-    on_part, inside, outside = (1.2e-3, -0.2e-3, 0.06e-3), (0.3e-3, 0.4e-3, 0.2e-3), (1.68e-3, 0, 0.09e-3)  # fmt: skip
+    on_part, inside, outside = (1.35e-3, -0.25e-3, 0.06e-3), (0.3e-3, 0.4e-3, 0.2e-3), (1.68e-3, 0, 0.09e-3)  # fmt: skip
     for hole in (inside, outside):  # within the core; a bay of the border
         step = mapped(tmp_path, "wanted.x3p", hole=hole)
         run(step + OUTPUT + "overwrite = true\n", tmp_path)
