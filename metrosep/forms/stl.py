@@ -291,6 +291,29 @@ class GridForm(Shape):
             object.__setattr__(other, name, checked(value, name))
         return other
 
+    def holes(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Return the missing pixels that measured ones surround; what reaches the border is no hole.
+
+        Returns
+        -------
+        list of tuple of ndarray, m
+            x and y of the pixels, hole by hole.
+        """
+        if self.valid.all():
+            return []
+        from scipy.ndimage import label
+
+        # air lies around the map; pixels that meet at a corner leave no height between them either
+        which, _ = label(np.pad(~self.valid, 1, constant_values=True), np.ones((3, 3)))
+        row, column = np.nonzero((which != which[0, 0]) & (which > 0))
+        x0, y0 = self.surface.origin
+        x, y = (
+            x0 + (column - 1) * float(self.surface.dx or 0),
+            y0 + (row - 1) * float(self.surface.dy or 0),
+        )
+        of = which[row, column]
+        return [(x[of == k], y[of == k]) for k in np.unique(of)]
+
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
         # By linear regression with piston and tilt over the points in the domain.
         if self.scale is not None:

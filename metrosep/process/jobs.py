@@ -29,14 +29,13 @@ from metrosep.process.cutting.course_errors import course_error, lead_in_dip, on
 from metrosep.process.cutting.edge_errors import Servo
 from metrosep.process.cutting.motion import AxisLimits, AxisMotion, axis_motion
 from metrosep.process.cutting.programs import TurningProgram
-from metrosep.process.cutting.rim import outside_the_rim, points_before, rim_said
+from metrosep.process.cutting.reach import checked_travel, require_no_hole, require_travel
+from metrosep.process.cutting.rim import fits_in_ring, led_in, outside_the_rim, rim_said
 from metrosep.process.cutting.servos import contact_path, refuse_fitted
-from metrosep.process.cutting.travel import checked_travel, require_travel
 from metrosep.process.feedforward import corrected_path, left_over
 from metrosep.process.interpolation import Interpolation, knot_slopes
 from metrosep.process.machining_times import MachiningTime, machining_time
 from metrosep.process.nose import RoundNose
-from metrosep.process.nose_checks import gouge_check
 from metrosep.process.path_errors import PathErrorMap, course_of
 from metrosep.process.path_points import (
     Distribution,
@@ -141,6 +140,8 @@ class TurningJob:
     DataError
         If the form is none, a number is not positive and finite, the core not below the radius, the
         sense not known, the nose none, or a travel does not begin before it ends.
+    InvalidSamplesError
+        If the form is a map with a hole between core and rim.
     UnitError
         If the radius is above 5 m.
 
@@ -168,8 +169,7 @@ class TurningJob:
     def __post_init__(self) -> None:
         if not isinstance(self.form, Form):
             raise DataError(
-                f"the form must be a metrosep form such as SineGrid(...), got "
-                f"{type(self.form).__name__}"
+                f"the form must be a metrosep form such as SineGrid(...), got {type(self.form).__name__}"
             )
         object.__setattr__(self, "radius", checked_radius(self.radius))
         object.__setattr__(self, "feed", length(self.feed, "feed"))
@@ -177,6 +177,7 @@ class TurningJob:
         block = numbers.not_negative(self.block_time, "block_time", dimension="time")
         object.__setattr__(self, "block_time", block)
         object.__setattr__(self, "core", checked_core(self.core, self.radius))
+        require_no_hole(self.form, self.core, self.radius)
         if self.nose is not None:
             Edge.of(self.nose, self.sense)
         if self.sense is not None:
@@ -295,8 +296,8 @@ class TurningJob:
         self, spiral: SpiralPath, servo: Servo, tool: ToolSetting | None = None
     ) -> SpiralPath:
         """Return the path with the points before the rim that the nose, and the end of a spline, need."""
-        points = points_before(spiral, self.before_the_rim(servo, tool))
-        return spiral.with_options(lead_in=_LEAD_IN + math.ceil(points))
+        edge = Edge.of(self.nose, self._way, tool) if self.nose and servo == "Z" else None
+        return led_in(spiral, self.before_the_rim(servo, tool), self.form, edge)
 
     @described_by(points_for_tolerance, errors=False)
     def plan(
@@ -552,7 +553,7 @@ class TurningJob:
         messages = [] if self.nose else [self._no_tip_path(rho, azimuth)]
         messages += error.messages
         if self.nose is not None:
-            fits = gouge_check(self.form, self.nose, region=(self.core, self.radius))
+            fits = fits_in_ring(self.form, self.nose, self.sense, self.core, self.radius)
             messages += fits.messages if fits.ok else (f"not in the budget: {fits.messages[0]}",)
             if self.nose.rake and tool is not None:
                 messages.append(
@@ -631,7 +632,7 @@ class TurningJob:
         numbers.choice(servo, "servo", get_args(Servo))
         if self.nose is None:
             return self._reached(self._surface_program(spiral, cut_points=cut_points))
-        fits = gouge_check(self.form, self.nose, region=(self.core, self.radius))
+        fits = fits_in_ring(self.form, self.nose, self.sense, self.core, self.radius)
         fits.require()
         edge = Edge.of(self.nose, self.sense)
         X, azimuth, t, speed = self._course(spiral)
@@ -664,7 +665,6 @@ class TurningJob:
         return self._reached(program)
 
     def _reached(self, program: TurningProgram) -> TurningProgram:
-        """Return the program, or refuse one that leaves the travel of the machine."""
         require_travel(program, self.x_travel, self.z_travel)
         return program
 
@@ -858,7 +858,7 @@ class TurningJob:
         tool: ToolSetting | None,
     ) -> tuple[FloatArray, dict[str, float], list[str], FloatArray]:
         """Return what the setting changes of the tips, residual, messages, dZ/dX and dZ/dphi; refuse a gouge."""
-        fits = gouge_check(self.form, nose, region=(self.core, self.radius))
+        fits = fits_in_ring(self.form, nose, self.sense, self.core, self.radius)
         fits.require()
         nominal = Edge.of(nose, self.sense)
         edge = nominal if tool is None else Edge.of(nose, self.sense, tool)

@@ -626,12 +626,13 @@ def test_a_bowl_needs_no_run_before_the_rim():
     assert not any("outside the rim" in m for m in bowl.program(bowl.path(step=0.5)).messages)
 
 
-def test_a_hemisphere_names_the_lead_in_with_which_it_is_cut():
+def test_a_hemisphere_is_cut_by_default_and_a_lead_in_beyond_it_is_named():
     half = TurningJob(Sphere(R=-2e-3), 1.99e-3, 40e-6, rpm=60, core=1.5e-3, nose=RoundNose(0.5e-3))
     with pytest.raises(InvalidSamplesError, match="smaller lead_in such as 3") as told:
-        half.program(half.path(step=0.5))
+        half.program(half.path(step=0.5, lead_in=half.path(step=0.5).lead_in + 10))
     azimuth = float(str(told.value).split("azimuth ")[1].split(" degrees")[0])
     assert 0.0 <= azimuth < 360.0
+    half.program(half.path(step=0.5))
     half.program(half.path(step=0.5, lead_in=3))
 
 

@@ -668,3 +668,58 @@ def test_a_spline_that_swings_beyond_its_points_leaves_the_travel_there():
     assert float(size) * {"um": UM, "nm": NM}[unit] == pytest.approx(0.8 * over, rel=1e-3, abs=0.0)
     made((low, float(course.max()) + 1 * NM))
     made((low, end), "linear")
+
+
+def test_what_stands_outside_the_rim_keeps_the_nose_off_the_part():
+    """A wall from 1.03 mm on, higher on one side: what stays at the rim by circles rolled along a radius."""
+
+    def wall(x, y):
+        r = np.hypot(x, y)
+        return 20e-6 * (1 + 0.2 * x / r) * (1 + np.tanh((r - 1.03e-3) / 6e-6)) + 4 * r**2
+
+    text = "20e-6*(1+0.2*x/r)*(1+tanh((r-1.03e-3)/6e-6))+4*r**2"
+
+    def job(radius, formula=text):
+        return TurningJob(
+            Expression(formula), radius, 10e-6, rpm=60, core=0.8e-3, nose=RoundNose(SMALL)
+        )
+
+    def made(radius, formula=text):
+        own = job(radius, formula)
+        return own.program(own.path(step=np.radians(4)))
+
+    with pytest.raises(LimitError, match="outside the rim") as found:
+        made(1e-3)
+    psi = np.linspace(-1.2, 1.2, 24001)
+    left = []
+    for X in 1e-3 - np.linspace(-0.3e-3, 0.299e-3, 3001):  # the highest side, azimuth 0
+        tip = (wall(X + SMALL * np.sin(psi), 0.0) - SMALL * (1 - np.cos(psi))).max()
+        left.append(tip + SMALL - math.sqrt(SMALL**2 - (1e-3 - X) ** 2) - wall(1e-3, 0.0))
+    size = float(re.search(r"leaves up to ([\d.]+) um at the rim", str(found.value))[1]) * UM
+    assert size == pytest.approx(min(left), rel=2e-3, abs=0.0)
+    at = float(re.search(r"azimuth ([\d.]+) degrees", str(found.value))[1])
+    assert min(at, 360 - at) < 5
+    made(0.85e-3)  # the nose does not reach the wall from there
+    # further out, or lower than the bowl rises under the nose: the nose passes it
+    made(1e-3, text.replace("1.03e-3", "1.2e-3"))
+    made(1e-3, text.replace("20e-6*(1+0.2*x/r)*(1+tanh((r-1.03e-3)/6e-6))", "1e-6*(1+tanh((r-1.03e-3)/30e-6))"))  # fmt: skip
+
+
+@pytest.mark.parametrize("radius", [1.99e-3, 2e-3])
+def test_a_hemisphere_is_cut_up_to_where_the_edge_leaves_it(radius):
+    """A dome of 2 mm, by circles along a radius: what stays, across the surface, is that of turns so far apart."""
+    job = TurningJob(Sphere(R=-2e-3), radius, 10e-6, rpm=60, core=radius - 60e-6, nose=RoundNose(SMALL))  # fmt: skip
+    program = job.program(job.path(step=np.radians(4)))
+    assert program.X[0] <= 2e-3 + SMALL  # where the edge leaves the sphere
+    assert program.X[0] > 2e-3 + SMALL - (15e-6 if radius == 2e-3 else 10e-6)
+    k = int(program.lead_in) % 90
+    x, z = program.X[k::90], program.Z[k::90]
+    # the tip on the sphere of both radii, azimuth by azimuth the same
+    assert np.abs(np.hypot(x, z + 2e-3 + SMALL) - 2e-3 - SMALL).max() < 1e-12
+    rho = np.linspace(x[-1] / (2e-3 + SMALL) * 2e-3 + 20e-6, 1.985e-3, 4001)
+    cut = (z + SMALL - np.sqrt(np.clip(SMALL**2 - (rho[:, None] - x) ** 2, 0, None)) + np.where(np.abs(rho[:, None] - x) < SMALL, 0, 1)).min(axis=1)  # fmt: skip
+    off = np.hypot(rho, cut + 2e-3) - 2e-3  # across the surface
+    psi = np.arcsin(np.clip(rho / 2e-3, 0, 1))
+    apart = 2e-3 * 10e-6 / ((2e-3 + SMALL) * np.cos(psi))
+    assert off.min() > -1e-13
+    assert (off < 1.3 * apart**2 / 8 * (1 / SMALL + 1 / 2e-3) + 1e-12).all()

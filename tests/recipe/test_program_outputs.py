@@ -186,6 +186,10 @@ def recipe_heights(rho, phi):
     return 9 * x**2 + 14 * y**2 + 3 * x * y + 6e-3 * x + 2e-6 * np.sin(2 * np.pi * y / 9e-4)
 
 
+RING = STEP.replace('core = "1.1 mm"', 'core = "1.34 mm"')
+"""A few turns only."""
+
+
 def words_of(file):
     """X and Z of the blocks of a file, m."""
     found = re.findall(r"X([-\d.]+) C[-\d.]+ Z([-\d.]+)", file.read_text())
@@ -194,7 +198,7 @@ def words_of(file):
 
 @pytest.mark.parametrize("servo", ["Z", "XZ"])
 def test_a_path_beyond_the_travel_names_axis_block_and_by_how_much(tmp_path, capsys, servo):
-    step = STEP.replace("rpm = 60\n", f'rpm = 60\nservo = "{servo}"\n') + OUTPUT
+    step = RING.replace("rpm = 60\n", f'rpm = 60\nservo = "{servo}"\n') + OUTPUT
     run(step, tmp_path)
     X, Z = words_of(tmp_path / "out" / "part.nc")
     last = X.size - 1
@@ -235,11 +239,11 @@ def test_a_path_beyond_the_travel_names_axis_block_and_by_how_much(tmp_path, cap
 )
 def test_a_travel_that_is_none_is_refused(tmp_path, line, match):
     with pytest.raises(MetrosepError, match=match):
-        run(STEP.replace("rpm = 60\n", f"rpm = 60\n{line}\n"), tmp_path)
+        run(RING.replace("rpm = 60\n", f"rpm = 60\n{line}\n"), tmp_path)
 
 
 def test_a_travel_holds_for_points_of_the_surface_too(tmp_path):
-    points = STEP.replace('nose_radius = "0.6 mm"\nrake = "-20 deg"\n', "")
+    points = RING.replace('nose_radius = "0.6 mm"\nrake = "-20 deg"\n', "")
     with pytest.raises(LimitError, match=r"Z goes .* above its travel"):
         run(points.replace("rpm = 60\n", 'rpm = 60\nz_travel = ["-1 mm", "10 um"]\n'), tmp_path)
 
@@ -252,12 +256,12 @@ def test_another_program_is_not_replaced_unless_the_output_says_so(tmp_path, cap
         return end.value.code, " ".join(capsys.readouterr().err.split())
 
     file, beside = tmp_path / "out" / "part.nc", tmp_path / "out" / "part.nc.json"
-    assert called(STEP + OUTPUT, "predict")[0] == 0
+    assert called(RING + OUTPUT, "predict")[0] == 0
     first, said = file.read_bytes(), beside.read_bytes()
     result = (tmp_path / "out" / "result.json").read_bytes()
-    assert called(STEP + OUTPUT, "predict")[0] == 0  # the same program again
+    assert called(RING + OUTPUT, "predict")[0] == 0  # the same program again
     assert not (tmp_path / "out" / "part.nc.1").exists()
-    other = (STEP + OUTPUT).replace("rpm = 60", "rpm = 50")
+    other = (RING + OUTPUT).replace("rpm = 60", "rpm = 50")
     code, err = called(other, "predict")
     assert code != 0
     assert "part.nc: is another program" in err
@@ -274,3 +278,64 @@ def test_another_program_is_not_replaced_unless_the_output_says_so(tmp_path, cap
     assert file.read_text() == "( of somebody else )\n"
     assert called(other, "run", "--force")[0] == 0
     assert (tmp_path / "out" / "part.nc.2").read_text() == "( of somebody else )\n"
+
+
+def mapped(tmp_path, name, centre=(0.0, 0.0), hole=None):
+    """Write the form of `STEP` as a map of 25 um whose axis is at a place; a hole is x, y, radius on the part."""
+    axis = np.arange(-70, 71) * 25e-6
+    x, y = np.meshgrid(axis, axis)
+    z = recipe_heights(np.hypot(x, y), np.arctan2(y, x))
+    if hole is not None:
+        z[np.hypot(x - hole[0], y - hole[1]) < hole[2]] = np.nan
+    origin = (axis[0] + centre[0], axis[0] + centre[1])
+    ms.write(ms.Surface(z, dx=25e-6, dy=25e-6, origin=origin), tmp_path / name)
+    return re.sub('form = "[^"]*"', f'form_map = "{name}"', RING).replace('rake = "-20 deg"\n', "")
+
+
+@pytest.mark.parametrize(("centre", "line"), [((0, 0), ""), ((3e-3, -1e-3), 'form_centre = ["3 mm", "-1 mm"]\n')])  # fmt: skip
+def test_a_map_is_cut_as_the_surface_it_was_made_of(tmp_path, centre, line):
+    """The words of the file against the lowest tips over the formula, by points of the edge in numpy."""
+    step = mapped(tmp_path, "wanted.x3p", centre)
+    run(step.replace("rpm = 60\n", f"rpm = 60\n{line}") + OUTPUT, tmp_path)
+    text = (tmp_path / "out" / "part.nc").read_text()
+    found = re.findall(r"X([\d.]+) C([-\d.]+) Z([-\d.]+)", text)
+    X, C, Z = np.array(found[::7], dtype=float).T
+    psi = np.linspace(-0.15, 0.15, 2401)
+    along = X[:, None] * 1e-3 + 0.6e-3 * np.sin(psi)
+    gap = recipe_heights(along, -np.radians(C)[:, None]) - 0.6e-3 * (1 - np.cos(psi))
+    k = np.argmax(gap, axis=1)
+    row = np.arange(k.size)
+    before, top, after = gap[row, k - 1], gap[row, k], gap[row, k + 1]
+    tip = top + (after - before) ** 2 / (8 * (2 * top - before - after))
+    assert np.abs(Z * 1e-3 - tip).max() < 1e-9  # a spline through waves of 0.9 mm in 36 pixels
+
+
+def test_a_hole_in_a_map_is_not_air_unless_the_path_ends_before_it(tmp_path):
+    on_part, inside, outside = (1.35e-3, -0.25e-3, 0.06e-3), (0.3e-3, 0.4e-3, 0.2e-3), (1.68e-3, 0, 0.09e-3)  # fmt: skip
+    for hole in (inside, outside):  # within the core; a bay of the border
+        step = mapped(tmp_path, "wanted.x3p", hole=hole)
+        run(step + OUTPUT + "overwrite = true\n", tmp_path)
+    step = mapped(tmp_path, "wanted.x3p", hole=on_part)
+    with pytest.raises(MetrosepError, match=r"hole of \d+ pixels .* is not air") as found:
+        run(step + OUTPUT, tmp_path)
+    rho, azimuth = re.search(r"rho = ([\d.]+) mm, azimuth ([\d.]+) degrees", str(found.value)).groups()  # fmt: skip
+    off = float(rho) * 1e-3 * np.exp(1j * np.radians(float(azimuth))) - complex(*on_part[:2])
+    assert abs(off) < on_part[2]
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (lambda s: s.replace("rpm", 'form = "plane"\nrpm'), "got form and form_map"),
+        (lambda s: re.sub("form_map.*", "", s), "got none"),
+        (lambda s: s.replace("rpm", 'form_centre = ["1 mm"]\nrpm'), "two lengths"),
+        (lambda s: RING.replace("rpm", 'form_centre = ["1 mm", "0 mm"]\nrpm'), "give that, form_map"),
+        (lambda s: s.replace("wanted.x3p", "wanted.csv"), "a map is needed"),
+    ],
+)  # fmt: skip
+def test_a_surface_is_given_once(tmp_path, change, match):
+    (tmp_path / "wanted.csv").write_text(
+        "x_mm,z_um\n" + "".join(f"{k},{k * k}\n" for k in range(9))
+    )
+    with pytest.raises(MetrosepError, match=match):
+        run(change(mapped(tmp_path, "wanted.x3p")) + OUTPUT, tmp_path)

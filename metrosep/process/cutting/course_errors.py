@@ -12,7 +12,7 @@ specs/cutting-path.md, equations (4) and (22).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +25,7 @@ from metrosep.process.cutting.edge_errors import Servo
 from metrosep.process.cutting.programs import AxisCourse, TurningProgram
 from metrosep.process.cutting.servos import contact_path
 from metrosep.process.path_errors import PathErrorMap
-from metrosep.process.tips import Edge, tips, tips_along
+from metrosep.process.tips import Edge, TipPath, tips, tips_along
 
 __all__ = [
     "CoursePiece",
@@ -34,6 +34,7 @@ __all__ = [
     "course_pieces",
     "lead_in_dip",
     "on_the_cut",
+    "rise_beside",
     "worst_contacts",
 ]
 
@@ -119,15 +120,24 @@ def lead_in_dip(
         out = np.flatnonzero((piece.error < 0.0) & (piece.rho > region[1]))
         if out.size:
             rim = np.full(out.size, region[1])
-            rise = _rise_beside(form, edge, piece.X[out], rim, piece.theta[out])
+            rise = rise_beside(form, edge, piece.X[out], rim, piece.theta[out])
             least = min(least, float((piece.error[out] + rise).min()))
     return least
 
 
-def _rise_beside(
-    form: Form, edge: Edge, X: FloatArray, rho: FloatArray, theta: FloatArray
+def rise_beside(
+    form: Form,
+    edge: Edge,
+    X: FloatArray,
+    rho: FloatArray,
+    theta: FloatArray,
+    *,
+    finds: Callable[..., TipPath] = tips_along,
 ) -> FloatArray:
-    """Return how high above places of the form the edge passes with its tip at X, touching beside; inf if never."""
+    """Return how high above places of the form the edge passes with its tip at X, touching beside; inf if never.
+
+    Places that do not follow one another closely need `finds=tips`.
+    """
     y = np.full(rho.shape, edge.dy)
     psi, along = np.zeros(rho.shape), rho
     with np.errstate(invalid="ignore"):
@@ -138,7 +148,7 @@ def _rise_beside(
     rise = np.full(rho.shape, np.inf)
     on = np.flatnonzero((psi >= edge.low) & (psi <= edge.high) & (X >= 0.0))
     phi = theta[on] - np.arctan2(y[on], along[on])
-    tip = tips_along(form, X[on], phi, edge, strict=False).z
+    tip = finds(form, X[on], phi, edge, strict=False).z
     place = form.height(rho[on] * np.cos(theta[on]), rho[on] * np.sin(theta[on]))
     rise[on] = tip + edge.point(psi[on])[2] - place
     return np.where(np.isnan(rise), np.inf, rise)
@@ -186,7 +196,7 @@ def _beside(
             X = rho[which] - way * k * path.feed
             if servo == "XZ":
                 X = contact_path(form, X, theta[which], edge)[0]
-            rise = _rise_beside(form, edge, X, *(v[which] for v in places))
+            rise = rise_beside(form, edge, X, *(v[which] for v in places))
             lower = off + rise < left[which]
             left[which[lower]] = (off + rise)[lower]
             which = which[rise < left[which] - error.z.min()]

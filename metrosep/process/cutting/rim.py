@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +13,28 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
+from metrosep.process.cutting.course_errors import rise_beside
 from metrosep.process.cutting.edge_errors import Servo
 from metrosep.process.cutting.servos import tips_at
 from metrosep.process.interpolation import arc_length
+from metrosep.process.nose import RoundNose, Sense
+from metrosep.process.nose_checks import NoseCheck, gouge_check
 from metrosep.process.path_points import SpiralPath
-from metrosep.process.tips import Edge
+from metrosep.process.tips import Edge, tips
 
-__all__ = ["outside_the_rim", "points_before", "rim_said"]
+__all__ = ["fits_in_ring", "led_in", "outside_the_rim", "rim_said"]
 
 _AZIMUTHS = 720
 """Of the rim at which a job looks how far out the tip must begin."""
+_FREE_END = 3
+"""Points that keep the free end of a spline off the part."""
+_ROUNDING = 1e-9
+"""Of the radius: a place that much inside the rim is on it."""
+_HALVINGS = 14
+_LOOKED_AT, _TRIED, _LEVELS = 8, 33, 6
+"""Azimuths where most may stay at the rim; places of the tip that are tried for each, again and again closer."""
+_IS_LEFT = 1e-11
+"""m: less that stays is that of the place of the contact."""
 
 
 def outside_the_rim(form: Form, radius: float, feed: float, edge: Edge, servo: Servo) -> float:
@@ -33,10 +46,83 @@ def outside_the_rim(form: Form, radius: float, feed: float, edge: Edge, servo: S
         z = form.height(out * np.cos(turn), out * np.sin(turn))
         _require_heights(form, radius, np.isnan(z), out, turn)
         return turns
-    starts, _, z = tips_at(form, np.full(turn.size, radius), turn, edge)
+    starts, _, z = _at_rim(form, radius, turn, edge)
     _require_heights(form, radius, np.isnan(z), radius, turn)
     # on a bowl the contact lies outside the tip already
     return max(0.0, float(starts.max()) - radius + turns)
+
+
+def _at_rim(form: Form, radius: float, turn: FloatArray, edge: Edge) -> FloatArray:
+    """Return rows X, azimuth and Z of tips that touch at the rim, or nearly where rounding leaves no height there."""
+    rows = np.stack(tips_at(form, np.full(turn.size, radius), turn, edge))
+    lost = np.flatnonzero(~np.isfinite(rows[2]) | ~np.isfinite(rows[0]))
+    if lost.size:
+        near = np.full(lost.size, radius * (1.0 - _ROUNDING))
+        rows[:, lost] = np.stack(tips_at(form, near, turn[lost], edge))
+    return rows
+
+
+def led_in(spiral: SpiralPath, out: float, form: Form, edge: Edge | None) -> SpiralPath:
+    """Return the path with points from a distance outside its rim on, and those that the end of a spline needs.
+
+    The tip of an edge begins where the edge still touches the form at every azimuth, if that is nearer.
+    """
+    points = points_before(spiral, out)
+    count = _FREE_END + math.ceil(points)
+    if edge is not None:
+        angle = spiral.step if spiral.distribution == "CA" else spiral.step / spiral.radius
+        far = out + (count - points) * angle * spiral.feed / (2.0 * math.pi)
+        touches = _touches_outside(form, spiral.radius, far, edge)
+        if touches < far:
+            count = math.floor(points_before(spiral, touches))
+    return spiral.with_options(lead_in=count)
+
+
+def _touches_outside(form: Form, radius: float, far: float, edge: Edge) -> float:
+    """Return how far outside the rim an edge still touches all round, up to a distance; it where it never does."""
+    turn = np.linspace(0.0, 2.0 * math.pi, _AZIMUTHS, endpoint=False)
+
+    def leaves(out: float) -> bool:
+        made = tips(form, np.full(turn.size, radius + out), turn, edge, strict=False)
+        return bool(np.isnan(made.z).any())
+
+    if not leaves(far) or leaves(0.0):
+        return far  # nothing to shorten, or nothing that shorter would help
+    near, beyond = 0.0, far
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (near + beyond)
+        near, beyond = (near, middle) if leaves(middle) else (middle, beyond)
+    return near
+
+
+def fits_in_ring(
+    form: Form, nose: RoundNose, sense: Sense | None, core: float, radius: float
+) -> NoseCheck:
+    """Return whether a nose fits between core and rim, and whether what stands outside lets it reach the rim.
+
+    Of all places of the part the rim is nearest to what stands outside: a nose that reaches it there reaches
+    the rest, because the slope of the edge grows outwards.
+    """
+    found = gouge_check(form, nose, region=(core, radius))
+    if not found.ok:
+        return found
+    edge = replace(Edge.of(nose, sense), profile=None)
+    turn = np.linspace(0.0, 2.0 * math.pi, _AZIMUTHS, endpoint=False)
+    X, azimuth, z = _at_rim(form, radius, turn, edge)
+    known = np.flatnonzero(np.isfinite(z) & (X >= 0.0))
+    made = tips(form, X[known], azimuth[known], edge, strict=False)
+    off = np.where(made.rho > radius, made.z - z[known], 0.0)
+    worst = np.argsort(-np.nan_to_num(off))[:_LOOKED_AT]
+    if not off.size or not off[worst[0]] > _IS_LEFT:
+        return found
+    left = float(_left_at(form, edge, X[known][worst], radius, turn[known][worst]).max())
+    rho, theta = float(made.rho[worst[0]]), math.degrees(float(made.theta[worst[0]])) % 360.0
+    said = (
+        f"the nose stands on the {form.name} outside the rim, at rho = {format_length(rho)}, azimuth {theta:.4g} "
+        f"degrees, and leaves up to {format_length(left)} at the rim of the part; take a smaller radius of the part, "
+        "or a smaller nose"
+    )
+    return replace(found, ok=False, left=left, messages=(said, *found.messages))
 
 
 def points_before(spiral: SpiralPath, out: float) -> float:
@@ -49,6 +135,24 @@ def points_before(spiral: SpiralPath, out: float) -> float:
     return (far - rim) / spiral.step
 
 
+def _left_at(
+    form: Form, edge: Edge, X: FloatArray, radius: float, theta: FloatArray
+) -> FloatArray:
+    """Return how high above places of the rim the edge passes at least that cuts nothing, from near some tips on."""
+    low, high = X - edge.radius, X + edge.radius
+    row, least = np.arange(X.size), np.full(X.size, np.inf)
+    for _ in range(_LEVELS):
+        tried = low[:, None] + np.outer(high - low, np.linspace(0.0, 1.0, _TRIED))
+        places = np.repeat(theta, _TRIED)
+        at = np.full(places.size, radius)
+        rise = rise_beside(form, edge, tried.ravel(), at, places, finds=tips)
+        rise = rise.reshape(tried.shape)
+        k = np.argmin(rise, axis=1)
+        least = np.minimum(least, rise[row, k])
+        low, high = tried[row, np.maximum(k - 1, 0)], tried[row, np.minimum(k + 1, _TRIED - 1)]
+    return least
+
+
 def rim_said(
     spiral: SpiralPath, X: FloatArray, contacts: FloatArray, lead_in: Callable[[], int]
 ) -> list[str]:
@@ -59,7 +163,13 @@ def rim_said(
     said = []
     if starts < radius - 0.5 * first:  # more stays than between two turns
         try:
-            cure = f"give lead_in = {lead_in()}"
+            needed = lead_in()
+            cure = (
+                f"give lead_in = {needed}"
+                if needed > spiral.lead_in
+                else "further out the edge touches no form at some azimuth: take a smaller radius, or a nose whose "
+                "window reaches there"
+            )
         except InvalidSamplesError:
             cure = "take a smaller radius, for the form ends at the rim"
         said.append(

@@ -18,18 +18,20 @@ from metrosep.core.methods import Method
 from metrosep.core.options import Option, options_of
 from metrosep.core.units import format_length, parse_quantity
 from metrosep.recipe.methods.axis_limits import LIMITS, limits_of
-from metrosep.recipe.methods.ops_machine import MACHINE, errors_of, form_of, machine_of
+from metrosep.recipe.methods.ops_machine import MACHINE, errors_of, machine_of
 from metrosep.recipe.methods.ops_process import (
     NO_EDGE,
     OF_PART,
     SETTING,
     STAGE,
+    SURFACE,
     JobPredicted,
     centre_of,
     columns_in_units,
     edge_of_file,
-    map_of_part,
+    map_of,
     stage_log,
+    surface_of,
 )
 
 __all__ = ["CutBudgetFound", "HysteresisFound"]
@@ -94,7 +96,7 @@ class CutBudgeted(Method):
     reads: ClassVar = "nothing"
     arguments: ClassVar[Mapping[str, Option]] = {
         **_PROGRAM,
-        **{n: JobPredicted.arguments[n] for n in ("form", *_TOOL, *_EDGE, *SETTING)},
+        **{n: JobPredicted.arguments[n] for n in (*SURFACE, *_TOOL, *_EDGE, *SETTING)},
         "log": Option(
             "file",
             help="what the axes did beside their command: columns t_s, X_um (of the radius, as the axis "
@@ -129,12 +131,13 @@ class CutBudgeted(Method):
             profile = edge_of_file(options["edge"], options.get("edge_rises"))
             actual, said = replace(nose, edge=profile), (*said, *profile.messages)
         setting = {k: options[k] for k in SETTING if k in options}
-        form = form_of(options["form"])
+        form, notes = surface_of(options)
+        said = (*said, *notes)
         low, high = touched_radii(program, nose, form)
         pixel, z, centre = 0.0, None, centre_of(options)
         if "part" in options:
             x, y, z, notes = drawn_points(
-                map_of_part(options["part"]), (low, high), 1500, 0, centre
+                map_of(options["part"], "part"), (low, high), 1500, 0, centre
             )
             said = (*said, *notes)
         else:

@@ -29,6 +29,47 @@ OF_PART = (
 )
 
 
+SURFACE: Mapping[str, Option] = {
+    "form": Option(
+        "text",
+        help='the nominal surface with all its parameters, "sine_grid: amplitude=50 nm, wavelength=100 um"',
+    ),
+    "form_map": Option(
+        "file", help="instead of it a map of the surface, as designed or as measured"
+    ),
+    "form_centre": Option(
+        "lengths",
+        help="x and y of the spindle axis in the coordinates of that map; 0, 0 if omitted, or the middle of a map "
+        "without an origin",
+    ),
+}
+
+
+def surface_of(options: Mapping[str, Any]) -> tuple[Any, tuple[str, ...]]:
+    """Return the surface to be cut: a form of its text, or of a map with a spline through its pixels; and notes."""
+    given = [k for k in ("form", "form_map") if k in options]
+    if len(given) != 1:
+        raise DataError(
+            "give the surface to be cut: either form, a formula with all its parameters, or form_map, a file with "
+            f"its heights; got {' and '.join(given) or 'none'}"
+        )
+    centre = options.get("form_centre")
+    if given == ["form"]:
+        if centre is not None:
+            raise DataError("form_centre is the axis on the map of a surface: give that, form_map")
+        return form_of(options["form"]), ()
+    if centre is not None and len(centre) != 2:
+        raise DataError(f"form_centre is two lengths, got {len(centre)}")
+    from metrosep.forms import GridForm
+    from metrosep.forms.points import points_of
+
+    surface = map_of(options["form_map"], "form_map")
+    placed = points_of(surface, centre=centre, middle=True)
+    x, y = (a - b for a, b in zip(surface.origin, placed.centre, strict=True))
+    notes = tuple(n.replace("centre=", "form_centre") for n in placed.notes)
+    return GridForm(replace(surface, origin=(x, y))), notes
+
+
 class SettingFound(Method):
     """`tool_setting` by its name."""
 
@@ -229,11 +270,7 @@ class JobPredicted(Method):
     what: ClassVar[str] = "form error of a turned freeform before it is cut, cause by cause"
     reads: ClassVar = "nothing"
     arguments: ClassVar[Mapping[str, Option]] = {
-        "form": Option(
-            "text",
-            required=True,
-            help='the nominal surface with all its parameters, "sine_grid: amplitude=50 nm, wavelength=100 um"',
-        ),
+        **SURFACE,
         "radius": Option(
             "size", required=True, help='of the part, from its axis to the rim, "20 mm"'
         ),
@@ -350,8 +387,9 @@ class JobPredicted(Method):
 
         rest = {**options, "rpm": _turns_per_minute(options["rpm"])}
         _check_predict(rest)
+        form, found = surface_of(rest)
         job = TurningJob(
-            form_of(rest["form"]),
+            form,
             rest["radius"],
             rest["feed"],
             rpm=rest["rpm"],
@@ -365,9 +403,9 @@ class JobPredicted(Method):
         setting = {k: rest[k] for k in SETTING if k in rest}
         if setting:
             tool = ToolSetting(**setting)
-        found: tuple[str, ...] = ()
         if "part" in rest:
-            job, tool, found = _told_by_part(job, rest, tool)
+            job, tool, told = _told_by_part(job, rest, tool)
+            found = (*found, *told)
         plan, path = _path(job, rest)
         log, log_x = _logged(rest, job)
         removed = tuple(v.strip() for v in rest.get("removed", "").split(",") if v.strip())
@@ -494,17 +532,17 @@ def _clears(job: Any, rest: Mapping[str, Any]) -> None:
         clearance_check(job.form, job.nose, travel=way, region=(job.core, job.radius)).require()
 
 
-def map_of_part(path: str) -> Surface:
-    """Return the map of a measured part."""
+def map_of(path: str, key: str) -> Surface:
+    """Return the map that a file holds."""
     from metrosep.io.read import read
 
-    measured = read(path)
-    if not isinstance(measured, Surface):
+    found = read(path)
+    if not isinstance(found, Surface):
         raise DataError(
-            f"part: {path} holds a {type(measured).__name__}, and dx, dy and dR of the tool show on a map only: "
-            "give the map of the part around the axis (a form measurement of the surface), not one section"
+            f"{key}: {path} holds a {type(found).__name__}, and a map is needed: heights over x and y around the "
+            "axis (a form measurement of the surface), not one section"
         )
-    return measured
+    return found
 
 
 def _told_by_part(
@@ -515,7 +553,7 @@ def _told_by_part(
 
     if tool is not None:
         raise DataError("part tells the setting of the tool: leave dx, dy and dR out, or part")
-    measured = map_of_part(rest["part"])
+    measured = map_of(rest["part"], "part")
     free = tuple(rest.get("part_free", ("dx", "dy", "dR")))
     fit = identify_edge(
         measured,

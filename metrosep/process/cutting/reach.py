@@ -1,4 +1,4 @@
-"""The travel of X and Z: what a machine reaches, and a program that goes beyond it."""
+"""What a job can reach: the travel of X and Z of its machine, and a map without holes."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import numpy as np
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, LimitError
+from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.units import format_ends, format_length
+from metrosep.forms.base import Form
+from metrosep.forms.stl import GridForm
 from metrosep.process.cutting.programs import AxisCourse, TurningProgram
 
-__all__ = ["checked_travel", "require_travel"]
+__all__ = ["checked_travel", "require_no_hole", "require_travel"]
 
 Travel = tuple[float, float]
 """m: the least and the largest place."""
@@ -34,6 +36,24 @@ def checked_travel(given: object, name: str) -> Travel | None:
             f"{name} goes from {format_length(low)} to {format_length(high)}: give the least place first"
         )
     return low, high
+
+
+def require_no_hole(form: Form, core: float, radius: float) -> None:
+    """Refuse a map with a hole in the ring that is to be cut: nobody knows what lies there, and it is no air."""
+    for x, y in form.holes() if isinstance(form, GridForm) else ():
+        # a missing pixel takes the cells around it along
+        step = math.hypot(form.surface.dx or 0.0, form.surface.dy or 0.0)  # type: ignore[attr-defined]
+        rho = np.hypot(x, y)
+        in_ring = (rho < radius + step) & (rho > core - step)
+        if in_ring.any():
+            at = int(np.argmax(in_ring))
+            wide = format_length(float(max(np.ptp(x), np.ptp(y))) + step)
+            raise InvalidSamplesError(
+                f"the map has a hole of {x.size} pixels ({wide} wide) at rho = {format_length(float(rho[at]))}, "
+                f"azimuth {math.degrees(math.atan2(y[at], x[at])) % 360.0:.4g} degrees, within the part, and a "
+                "hole in a measurement is not air: the tool would plunge into it. Fill it with what "
+                "belongs there, or end the path before it (core, radius)"
+            )
 
 
 def require_travel(program: TurningProgram, x: Travel | None, z: Travel | None) -> None:
