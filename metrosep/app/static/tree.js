@@ -102,7 +102,10 @@ export function makeTree(el, { edit, choose, size }) {
         edit([{ path: ["step", i], old: stored[i], new: null }], `remove ${step.op}`);
       }),
     );
-    row.append(on, open, tools);
+    const hit = document.createElement("label"); // a target of 24 px about the box
+    hit.className = "hit";
+    hit.append(on);
+    row.append(hit, open, tools);
     el_.append(row);
     if (fails || step.message) {
       const why = document.createElement("p");
