@@ -48,6 +48,7 @@ __all__ = [
     "open_file",
     "rate_of",
     "refuse_options",
+    "unproven",
 ]
 
 HEAD_BYTES = 65536
@@ -253,14 +254,17 @@ class RawFile:
         Returns
         -------
         dict
-            Keys ``format``, ``file``, ``sha256``, the facts, ``warnings`` and ``header``.
+            Keys ``format``, ``file``, ``sha256``, the facts, ``warnings`` and ``header``; ``unproven`` where
+            no file of an instrument has proven the reader, a warning too.
         """
+        said = unproven(format_id)
         return {
             "format": format_id,
             "file": self.name,
             "sha256": self.sha256,
             **facts,
-            "warnings": tuple(warnings),
+            **({"unproven": said} if said else {}),
+            "warnings": (*warnings, *((said,) if said else ())),
             "header": dict(header),
         }
 
@@ -418,6 +422,20 @@ def entries_of(file: Path) -> dict[str, Any]:
         return tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as exc:
         raise ReadError(f"{file}: is not readable TOML ({exc}); correct it") from None
+
+
+@cache
+def unproven(format_id: str) -> str:
+    """Return the warning about a format that is read from descriptions alone; empty for the others."""
+    folder = format_folder()
+    file = None if folder is None else folder / format_id / "format.toml"
+    entries = {} if file is None or not file.is_file() else entries_of(file)
+    if entries.get("status") != "from-specification":
+        return ""
+    return (
+        f"the format {entries['title']} ({format_id}) is read from descriptions alone: no file of an instrument has "
+        "proven its reader; compare a measurement whose values are known before you rely on it"
+    )
 
 
 @cache

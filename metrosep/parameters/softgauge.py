@@ -275,7 +275,9 @@ def verify_softgauge(
                 line=line,
             )
         rows.append(_row(item, tables[letter], relative_tolerance))
-    reader_warnings = tuple(f"{w}; {_ANEW}" for w in profile.metadata.get("warnings", ()))
+    standing = profile.metadata.get("unproven")  # the gauge itself is the proof
+    warned = (w for w in profile.metadata.get("warnings", ()) if w != standing)
+    reader_warnings = tuple(f"{w}; {_ANEW}" for w in warned)
     return GaugeResult(tuple(rows), _damage(profile), settings.unread, reader_warnings)
 
 

@@ -39,6 +39,10 @@ def options_of(truth):
     return options
 
 
+def is_unproven(description):
+    return description.status == "from-specification"
+
+
 def numbers(values):
     return np.array(values, dtype=float)  # null becomes NaN
 
@@ -69,6 +73,23 @@ def test_descriptor_is_complete(folder):
     if "surface" in fmt.kind:
         assert fmt.facts["orientation"]["evidence"] in EVIDENCE
         assert fmt.facts["orientation"]["shown_by"]
+
+
+def test_no_format_that_is_read_in_chunks_is_unproven():
+    assert [f.id for f in registry.formats() if "chunks" in f.facts and is_unproven(f)] == []
+
+
+def test_runs_of_an_unproven_format_say_so(tmp_path):
+    path = tmp_path / "scope.csv"
+    rows = [f"{k}\t{k % 7}.5\t{k}\t{k}.25" for k in range(30)]
+    head = "Name\tscope\nFile\tscope.csv\n\nName\tgap\tName\tpos\nData-Type\tREAL64\tData-Type\tREAL64\n"
+    head += "SampleTime[ms]\t1\tSampleTime[ms]\t1\nUnit\tum\tUnit\tmm\n\n"
+    path.write_text(head + "\n".join(rows) + "\n")
+
+    runs = ms.read_runs(path, x="pos", z="gap")
+
+    assert runs[0].x.tolist() == pytest.approx([(k + 0.25) * 1e-3 for k in range(30)], abs=1e-15)
+    assert any("no file of an instrument" in w for w in runs.metadata["warnings"])
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: f.name)
@@ -102,6 +123,9 @@ def test_sample_reads_as_expected(folder, sample):
 
     obj = ms.read(sample, **options_of(truth))
 
+    said = [w for w in obj.metadata["warnings"] if "no file of an instrument" in w]
+    assert len(said) == is_unproven(registry.get(folder.name))
+    assert said == [obj.metadata.get("unproven")] * len(said)
     assert type(obj).__name__.lower() == truth["kind"]
     if truth["kind"] == "surface":
         assert list(obj.shape) == truth["shape"]

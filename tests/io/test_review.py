@@ -231,7 +231,7 @@ def test_clocks_of_two_variables_that_differ_are_said(tmp_path):
         "A 2026-10-25 03:00:00.000000 2\nB 2026-10-25 02:00:02.000000 6\n"
     )
 
-    (sentence,) = ms.read(path).metadata["warnings"]
+    sentence, _ = ms.read(path).metadata["warnings"]
 
     assert sentence.startswith("2 line(s) are more than 5 s older")
     assert "B at 2026-10-25T02:00:01" in sentence
