@@ -190,6 +190,10 @@ def _height(shown: FloatArray, whole: float | None, unit: str) -> str:
     return f"P-V {digits_of(height / factor)} {name.replace('u', 'µ', 1) if name[:1] == 'u' else name}"
 
 
+_ENLARGED = 128
+"""Pixels along a side up to which a picture is enlarged; a larger one is embedded with every pixel."""
+
+
 def draw_map(
     axes: Any,
     values: FloatArray,
@@ -222,7 +226,7 @@ def draw_map(
         cmap=colours,
         vmin=low,
         vmax=high,
-        interpolation="nearest",
+        interpolation="none" if max(n_x, n_y) > _ENLARGED else "nearest",
     )
     axes.grid(visible=False)
     place = "mm" if dx and dy else "pixel"

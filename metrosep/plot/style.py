@@ -313,6 +313,9 @@ def label_decades(axes: Axes) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
+_DROPS_PIXELS = "image-rendering:crisp-edges;image-rendering:pixelated"
+
+
 def figure_svg(
     draw: Draw, document: Document, *, finish: Callable[[Any], None] | None = None
 ) -> str:
@@ -344,7 +347,8 @@ def figure_svg(
         # not savefig, which draws everything once more before
         canvas: Any = FigureCanvasSVG(figure)
         canvas.print_svg(stream, metadata=undated)
-    return stream.getvalue()
+    # a screen with fewer pixels than a map shows means of them; "pixelated" would drop some
+    return stream.getvalue().replace(_DROPS_PIXELS, "image-rendering:auto")
 
 
 _FONTS = (
@@ -409,7 +413,7 @@ def _then(
     return lambda places: [said(label) for label in ticks(places)]
 
 
-def figure_png(draw: Draw, document: Document, *, dpi: float = 160.0) -> bytes:
+def figure_png(draw: Draw, document: Document, *, dpi: float = 200.0) -> bytes:
     """Return a figure as the bytes of a PNG file.
 
     Parameters

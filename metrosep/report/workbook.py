@@ -159,8 +159,8 @@ def _picture(sheet: Worksheet, document: Mapping[str, Any], row: int) -> None:
     from metrosep.plot import drawable, figure_png
 
     for name, draw in drawable(document).items():
-        data = io.BytesIO(figure_png(draw, document, dpi=150.0))
-        options = {"image_data": data, "x_scale": 0.75, "y_scale": 0.75, "description": name}
+        data = io.BytesIO(figure_png(draw, document))
+        options = {"image_data": data, "x_scale": 0.56, "y_scale": 0.56, "description": name}
         sheet.insert_image(row, 0, f"{name}.png", options)
         return
 

@@ -3,13 +3,19 @@
 The expected numbers of both maps were computed by a separate program (numpy only) and its check.
 """
 
+import re
+from base64 import b64decode
+from io import BytesIO
+
 import numpy as np
 import pytest
+from PIL import Image
 
 import metrosep as ms
 from metrosep.recipe import Recipe
 from metrosep.recipe.describe.charts import decimated, display_limits, map_chart
 from metrosep.recipe.describe.describe_measure import height_classes
+from metrosep.report import render_html
 
 NM = 1e-9
 DIGITS = 6e-9
@@ -133,3 +139,24 @@ def test_the_report_of_a_map_with_a_defect_shows_it(tmp_path):
     share = histogram["panels"][1]["curves"][0]["y"]
     assert share[0] > 0.999
     assert share[-1] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_defect_of_one_pixel_is_in_the_picture_that_is_printed(tmp_path):
+    """The page embeds the map with every pixel that is drawn; it was thinned out again to 195."""
+    j, i = np.mgrid[0:482, 0:642]
+    z = 3 * NM * np.sin(2 * np.pi * i / 64) * np.cos(2 * np.pi * j / 96)
+    z[240, 416] += (
+        1.2e-6  # where the waves are zero; its block is the middle row, however the picture is turned
+    )
+    ms.write(ms.Surface(z, 1e-6, 1e-6), tmp_path / "part.h5")
+    text = 'metrosep = 1\n[input]\n[[step]]\nop = "parameters"\nnames = ["Sq"]\n'
+    page = render_html(Recipe.parse(text).run(tmp_path / "part.h5").document)
+
+    svgs = [b64decode(s).decode() for s in re.findall(r"svg\+xml;base64,([\w+/=]+)", page)]
+    pngs = re.findall(r"data:image/png;base64,\s*([\w+/=\s]+)", "".join(svgs))
+    pictures = [np.asarray(Image.open(BytesIO(b64decode(p))).convert("RGB")) for p in pngs]
+    (drawn,) = (p for p in pictures if p.shape[1] > 256)
+    assert drawn.shape == (241, 321, 3)  # blocks of 2 x 2: 512 pixels or fewer
+    brightest = drawn[120, 208].astype(int)
+    around = np.delete(drawn[118:123, 206:211].reshape(-1, 3), 12, axis=0).astype(int)
+    assert (np.abs(around - brightest).sum(axis=1) > 100).all()

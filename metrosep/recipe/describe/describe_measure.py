@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 __all__ = ["height_classes", "measurement_of"]
 
 
-_SIDE, _SIDE_BEFORE = 256, 128
-"""Pixels along the longer side of the map that was judged, and of those before: a document stays below a
-megabyte."""
+_SIDE, _SIDE_BEFORE = 512, 128
+"""Pixels along the longer side of the map that was judged, which is printed from the document (up to 3 MB),
+and of those before."""
 _BINS = (40, 200)
 """Fewest and most classes of a histogram."""
 _BEYOND = 0.05
