@@ -126,7 +126,8 @@ OUTPUTS: dict[str, Schema] = {
          "warnings": _list(_TEXT), "u_rests_on": _TEXT}), _NAMED]},
     "psd": _object("a spectrum against its limit", {
         "file": _TEXT, "direction": _TEXT, "verdict": _VERDICT, "sentence": _TEXT_OR_NOT, "limit": _TEXT_OR_NOT,
-        "notes": _list(_TEXT), "bands": _list(_MAP), "filled_share": _NUMBER}),
+        "notes": _list(_TEXT), "bands": _list(_MAP), "filled_share": _NUMBER, "lost_share": _NUMBER,
+        "holes": _TEXT}),
     "geometry": _NAMED,
     "circle": _object("a circular test of ISO 230-4", {
         "plane": _TEXT, "quantities": _values(_QUANTITY), "reversals": _ANY, "messages": _list(_TEXT),

@@ -298,16 +298,17 @@ def judge_psd(spectrum: MaskedPsd, limit: PsdLimit) -> PsdVerdict:
     length of the window, times the evenness (sum P)^2 / (N sum P^2) of the density in it, at least 1;
     parallel lines of a map hang together, so their number adds none. Bands beyond what the
     measurement reaches are inconclusive. Where a falling spectrum was taken from heights, bands of
-    fewer than 8 waves across the outline read high, which a note says. Holes that were closed, a share
-    s of the outline, hold less than the part did: of short waves nothing, so that 1 - s of the power is
-    left. A band is accepted if it also is with its mean over 1 - s: what is missing accepts no part.
+    fewer than 8 waves across the outline read high, which a note says. Of what the part holds in its
+    holes, on a share s of the window's square, nothing is known: closed they hold no short waves, left
+    out they spread a strong wave over all others, and 1 - s of it is left. A band is accepted if it also
+    is with its mean over 1 - s: what is missing accepts no part.
     """
     names = ("x", "y")
     results = []
     for psd, length, lowest, name in zip(
         spectrum.one_sided, spectrum.lengths, spectrum.lowest, names, strict=False
     ):
-        bands, notes = _bands(psd, length, lowest, limit, spectrum.filled_share)
+        bands, notes = _bands(psd, length, lowest, limit, spectrum.lost_share)
         outcome = worst([b.verdict for b in bands]) or "inconclusive"
         if notes and outcome == "accept":
             outcome = "inconclusive"
@@ -317,13 +318,14 @@ def judge_psd(spectrum: MaskedPsd, limit: PsdLimit) -> PsdVerdict:
     order = {"reject": 2, "inconclusive": 1, "accept": 0}
     chosen = max(results, key=lambda r: (order[r.verdict], r.worst.ratio))
     if spectrum.filled_share:
-        closed = (
-            f"{100 * spectrum.filled_share:.3g} % of the outline were holes, closed before; what they may have held "
-            "counts against accepting"
+        holes = (
+            f"{100 * spectrum.filled_share:.3g} % of the outline were holes, with "
+            f"{100 * spectrum.lost_share:.3g} % of the window's square, and were {spectrum.holes}; what they "
+            "may have held counts against accepting"
         )
         chosen = PsdVerdict(
             limit, chosen.bands, chosen.direction, chosen.verdict, chosen.spectrum,
-            (*chosen.notes, closed),
+            (*chosen.notes, holes),
         )  # fmt: skip
     return chosen
 
@@ -338,7 +340,7 @@ def _reads_high(long: int, n: int) -> str:
 
 
 def _bands(
-    psd: Psd, length: float, lowest: float, limit: PsdLimit, closed: float
+    psd: Psd, length: float, lowest: float, limit: PsdLimit, lost: float
 ) -> tuple[tuple[BandResult, ...], list[str]]:
     f, P = psd.frequency, psd.density
     low, high = 1.0 / limit.longest, 1.0 / limit.shortest
@@ -369,7 +371,7 @@ def _bands(
         scale = 1.0 if limit.rms is not None else width
         more, less = _factors(independent)
         verdict: Verdict = "inconclusive"
-        if square * more <= allowed * (1.0 - closed):
+        if square * more <= allowed * (1.0 - lost):
             verdict = "accept"
         elif square * less > allowed:
             verdict = "reject"

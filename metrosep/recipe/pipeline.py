@@ -553,6 +553,8 @@ def _psd(obj: Measured, options: Mapping[str, Any]) -> Done:
     audit = {
         "direction": found.direction,
         "filled_share": spectrum.filled_share,
+        "lost_share": spectrum.lost_share,
+        "holes": spectrum.holes,
         "estimate": spectrum.estimate,
         "bands": bands,
     }
