@@ -611,18 +611,19 @@ class Freedoms:
 
 
 def choose_freedoms(
-    form: Form, free: Sequence[str] | None, fixed: Mapping[str, float], *, is_profile: bool
+    form: Form, free: Sequence[str] | None, fixed: Mapping[str, float], *, same: str
 ) -> tuple[Form, Freedoms]:
-    """Return the form with its fixed values, and what is free."""
+    """Return the form with its fixed values, and what is free where the coordinates `same` are constant."""
     held = known_values(fixed, form, "fixed")
     unknown = [k for k, v in form.parameters.items() if v is None and k not in held]
     is_open = form.is_linear and bool(unknown)
     asked = _asked(form, free, default=() if is_open and form.spanned else DEFAULT)
-    if is_profile:
-        across = [n for n in asked if n in ("tilt_y", "shift_y", "rotation_z")]
+    for along in same:
+        across = [n for n in asked if n in (f"tilt_{along}", f"shift_{along}", "rotation_z")]
         if free is not None and across:
             raise DataError(
-                f"a profile is the line y = 0 and has no {', '.join(across)}; leave it out of free"
+                f"all points have the same {along}, so there is no {', '.join(across)}; leave it out "
+                "of free"
             )
         asked = [n for n in asked if n not in across]
     if free is None:  # what is held gives way for nothing that was not asked for

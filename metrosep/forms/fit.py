@@ -125,12 +125,12 @@ def fit(
     choice(direction, "direction", ("vertical", "normal"))
     if robust is not None:
         choice(robust, "robust", ("tukey", "huber"))
-    if isinstance(obj, Profile) and isinstance(form, Polynomial):
-        form = form.for_profile()
     points = points_of(obj, centre=centre, middle=form.has_centre)
-    form, freedoms = choose_freedoms(
-        form, free, {} if fixed is None else fixed, is_profile=isinstance(obj, Profile)
-    )
+    lines = () if points.is_scattered else (("x", points.x.size), ("y", points.y.size))
+    same = "".join(name for name, n in lines if n == 1)
+    if isinstance(form, Polynomial) and same == "y":
+        form = form.for_profile()
+    form, freedoms = choose_freedoms(form, free, {} if fixed is None else fixed, same=same)
     with one_blas_thread():
         answer, placed, n_iterations, freedoms = find(
             points,

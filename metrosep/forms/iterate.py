@@ -641,8 +641,8 @@ def _descend(
     advice = "give a start closer to the answer, or free fewer parameters"
     if float(np.linalg.eigvalsh(scaled_gram(normal, job.names)[0])[0]) < _NEARLY_TIED:
         advice = (
-            f"the points hardly tell {' from '.join(tied(normal, job.names))}: hold one with "
-            "fixed={...} or leave it out of free"
+            f"the points hardly tell {' from '.join(tied(normal, job.names))}: hold one at a value, or "
+            "do not free it"
         )
     raise NotConvergedError(
         f"the fit of {', '.join(job.names)} did not settle in {max_iterations} steps (RMS "
@@ -728,7 +728,7 @@ def scaled_gram(normal: Normal, names: Sequence[str]) -> tuple[FloatArray, Float
     if idle or not np.isfinite(largest):
         raise DegenerateFitError(
             f"{', '.join(idle) or ', '.join(names)} changes nothing at the measured points, so it "
-            "cannot be found from them; hold it with fixed={...}"
+            "cannot be found from them; hold it at a value"
         )
     return normal.gram / np.outer(length, length), length
 
@@ -746,7 +746,7 @@ def _determined(normal: Normal, names: Sequence[str]) -> None:
     if names and float(np.linalg.eigvalsh(scaled_gram(normal, names)[0])[0]) < _DEGENERATE:
         raise DegenerateFitError(
             f"the points cannot tell {' from '.join(tied(normal, names))}: moving them together "
-            "changes nothing; hold one with fixed={...} or leave it out of free"
+            "changes nothing; hold one at a value, or do not free it"
         )
 
 

@@ -342,6 +342,29 @@ def test_centre_of_the_form(metrosep, tmp_path):
     )
 
 
+@pytest.mark.parametrize(("line", "tilt"), [("row", "tilt_x"), ("column", "tilt_y")])
+def test_a_map_of_one_row_or_column_is_fitted_as_the_profile_that_it_is(
+    metrosep, tmp_path, line, tilt
+):
+    """A falling line on a hollow: what lies across it is not free, and is not asked for."""
+    t = np.arange(400) * 1e-6
+    z = 3e-9 - 2e-5 * t + t * t / (2 * 0.5)
+    path = tmp_path / "line.x3p"
+    ms.write(ms.Surface(z[None, :] if line == "row" else z[:, None], 1e-6, 1e-6), path)
+
+    code, out, err = metrosep("form", path, "--form", "sphere", "--centre", "0 mm, 0 mm", "--json")
+
+    assert (code, err) == (0, "")
+    found = json.loads(out)["parameters"]
+    assert found[tilt]["value"] == pytest.approx(-2e-5, abs=1e-9)
+    assert found["R"]["value"] == pytest.approx(0.5, abs=1e-5)
+    assert set(found) == {"piston", tilt, "R", "c"}
+    other = {"tilt_x": "tilt_y", "tilt_y": "tilt_x"}[tilt]
+    code, out, err = metrosep("form", path, "--free", f"piston,{other}")
+    assert code == 2
+    assert f"so there is no {other}; leave it out of free" in err
+
+
 @pytest.mark.parametrize(
     ("options", "code", "match"),
     [

@@ -688,7 +688,7 @@ def test_wrong_objects_are_named():
         fit(flat(), "plan")
     with pytest.raises(DataError, match="calibration"):
         fit(ms.Surface(np.zeros((3, 3))), Plane())
-    with pytest.raises(DataError, match="line y = 0"):
+    with pytest.raises(DataError, match="all points have the same y, so there is no"):
         fit(ms.Profile([0, 1e-3, 2e-3], [0, 0, 0]), Plane(), free=("tilt_y",))
 
 

@@ -32,7 +32,10 @@ def bias(exponent, holes):
     ratios = np.zeros(5)
     for seed in range(8):
         mask = disc()
-        if holes:
+        if holes == "in the middle":  # 8 % of the pixels, 36 % of the window's square
+            y, x = np.mgrid[-1 : 1 : N * 1j, -1 : 1 : N * 1j]
+            mask &= x * x + y * y > 0.08
+        elif holes:
             rng = np.random.default_rng(100 + seed)
             for y, x in rng.integers(30, N - 40, (20, 2)):
                 mask[y : y + 6, x : x + 6] = False
@@ -49,12 +52,18 @@ def bias(exponent, holes):
 @pytest.mark.parametrize("exponent", [0, 2, 4])
 def test_spectrum_of_a_disc_has_its_level_and_slope(exponent):
     """Rings of eight maps scatter by 2 to 6 %; without a window f^-4 is wrong by a factor of 20."""
-    assert np.abs(bias(exponent, holes=False)).max() < 0.12
+    assert np.abs(bias(exponent, holes=None)).max() < 0.12
 
 
 @pytest.mark.parametrize("exponent", [0, 2, 4])
-def test_holes_of_four_per_cent_are_closed(exponent):
-    assert np.abs(bias(exponent, holes=True)).max() < 0.20
+def test_holes_of_four_per_cent_change_little(exponent):
+    assert np.abs(bias(exponent, holes="all over")).max() < 0.20
+
+
+@pytest.mark.parametrize("exponent", [0, 2, 4])
+def test_a_hole_in_the_middle_takes_no_power(exponent):
+    """Closed, it took 34 to 37 % of every band; what is left here is the scatter of eight maps."""
+    assert np.abs(bias(exponent, holes="in the middle")).max() < 0.16
 
 
 @pytest.mark.parametrize("where", ["all over", "in the middle"])
@@ -216,6 +225,23 @@ def test_gaps_of_a_white_profile_do_not_read_as_long_waves():
 
     # 40 profiles of about 10 independent values: 5 %
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.12)
+
+
+def test_a_gap_in_the_middle_of_a_falling_profile_takes_no_power():
+    """8 % of the samples, 21 % of the window's square: closed, 12 % of f^-2 above 16 waves were lost."""
+    ratios = []
+    for seed in range(40):
+        z = np.cumsum(np.random.default_rng(seed).standard_normal(2000))
+        z[900:1060] = np.nan
+        found = masked_psd(Profile(np.arange(2000) * UM, z * UM))
+        f = found.one_sided[0].frequency * UM
+        band = (f > 16 / 2000) & (f < 0.25)
+        true = 2 * UM**3 / (2 * np.sin(np.pi * f[band])) ** 2
+        ratios.append(
+            float(found.one_sided[0].density[band] @ f[band] ** 2 / (true @ f[band] ** 2))
+        )
+        assert (found.estimate, found.holes) == ("slopes", "closed up to 50 pixels")
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.03)
 
 
 def test_profile_with_gaps_is_near_the_whole_one():
