@@ -292,7 +292,7 @@ class GridForm(Shape):
         return other
 
     def holes(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Return the missing pixels that measured ones surround; what reaches the border is no hole.
+        """Return the missing pixels that measured ones surround; without those that reach the border.
 
         Returns
         -------

@@ -107,7 +107,7 @@ def _binary(path: object, data: bytes, above: int = 0) -> FormatMismatchError:
 
 
 def zero_byte(data: bytes, above: int = 0) -> str:
-    """Return what is odd about text, behind so many lines, that holds bytes of value 0; empty for other bytes."""
+    """Name the line of the first byte of value 0 of a text that begins behind so many lines; empty for other bytes."""
     text, zero, rest = data.partition(b"\0")
     plain = data.replace(b"\0", b"")
     is_text = b"\n" in plain and plain.translate(None, _CONTROL) == plain

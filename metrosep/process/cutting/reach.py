@@ -39,7 +39,7 @@ def checked_travel(given: object, name: str) -> Travel | None:
 
 
 def require_no_hole(form: Form, core: float, radius: float) -> None:
-    """Refuse a map with a hole in the ring that is to be cut: nobody knows what lies there, and it is no air."""
+    """Refuse a map with a hole in the ring that is to be cut: what lies there is not known, and not air."""
     for x, y in form.holes() if isinstance(form, GridForm) else ():
         # a missing pixel takes the cells around it along
         step = math.hypot(form.surface.dx or 0.0, form.surface.dy or 0.0)  # type: ignore[attr-defined]
