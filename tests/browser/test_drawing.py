@@ -279,7 +279,7 @@ def same_bytes(page: Any, map_file: Path) -> bytes:
     page.click("dialog [value=yes]")
     page.wait("document.getElementById('status-link').textContent.includes('result.json')")
     subprocess.run(
-        [sys.executable, "-m", "metrosep", "run", "hand.toml", "bowl.x3p", "-o", "by-run"],
+        [sys.executable, "-m", "metrosep", "run", "hand.toml", map_file.name, "-o", "by-run"],
         cwd=folder, check=True, capture_output=True, timeout=200,
     )  # fmt: skip
     ours, theirs = ((folder / d / "result.json").read_bytes() for d in ("by-hand", "by-run"))

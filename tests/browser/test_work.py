@@ -267,3 +267,36 @@ def test_keys_go_to_the_panels_and_open_the_help(opened: Opened, map_file: Path)
     assert "undo" in page.text("dialog")
     page.press("Escape")
     page.wait("document.querySelector('dialog') === null")
+
+
+def test_the_choice_of_columns_is_in_the_recipe_and_gives_the_bytes_of_metrosep_run(
+    opened: Opened, tmp_path: Path
+) -> None:
+    """Four columns whose names say nothing; the position falls, a line of another program is above."""
+    from browser.test_drawing import Hand, same_bytes
+
+    i = np.arange(400)
+    x, z = 8.0 - 0.02 * i, np.cos(i / 9.0) + 0.001 * i
+    rows = [f"{k},{a:.4f},{7 * k % 11},{b:.6f}" for k, a, b in zip(i, x, z, strict=True)]
+    file = tmp_path / "probe.csv"
+    file.write_text("\n".join(["made by a logger", "n,u,v,w", *rows]) + "\n")
+    page = opened(file, "document.querySelector('dialog[open]') !== null")
+    page.wait("document.querySelector('dialog input[name=x]') !== null")
+    shown = page.text("dialog .sample")
+    assert "made by a logger" in shown
+    assert "0,8.0000,0,1.000000" in shown
+    for name, value in {"x": "u", "x_unit": "mm", "z": "w", "z_unit": "um"}.items():
+        page.fill(f"dialog input[name={name}]", value)
+    page.click("dialog [value=yes]")
+    page.wait(FULL)
+    data = Hand(page).data()
+    assert data["input"] == {
+        "files": ["probe.csv"],
+        "x": {"column": "u", "unit": "mm"},
+        "z": {"column": "w", "unit": "um"},
+    }
+    same_bytes(page, file)
+    residual = z - np.polyval(np.polyfit(x, z, 1), x)
+    shown_pv, half = printed(page, "residual.pv")
+    assert abs(shown_pv - np.ptp(residual) * 1e-6) <= half
+    assert page.errors == []

@@ -201,7 +201,7 @@ export function make({ el, wire, session, schema, edit, fail }) {
   let of = "";
   const state = make_("p", { className: "soft ranking-state" });
   state.setAttribute("role", "status");
-  const scroll = make_("div", { className: "scroll machine", tabIndex: -1 });
+  const scroll = make_("div", { className: "scroll machine", tabIndex: 0, role: "region", ariaLabel: "Terms and pictures of the machine" });
   el.replaceChildren(state, scroll);
 
   async function show() {

@@ -127,7 +127,7 @@ export function make({ el, wire, session, edit, fail }) {
         /** @type {HTMLElement | null} */ (scroll.querySelector(`[data-size="${CSS.escape(row.term)}"]`))?.focus();
       }
     });
-    return input;
+    return make_("label", { className: "hit" }, input);
   }
 
   function barCell(/** @type {Dict} */ row, /** @type {number} */ largest, /** @type {number[] | null} */ run) {
