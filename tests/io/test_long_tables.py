@@ -154,3 +154,26 @@ def test_a_field_over_several_lines_may_lie_anywhere(tmp_path, part):
         assert np.array_equal(read.channels["z_um"], np.arange(n) % 97 * 1e-6)
         assert np.array_equal(read.t, np.array([float(f"{0.01 * i:.2f}") for i in range(n)]))
         assert read.metadata["lines"]["data"] == n + 2
+
+
+WORDS = ("OVER", "-inf", "OL", "Infinity", "---", "NaN")
+
+
+@pytest.mark.parametrize("how", ["plain", "quoted", "blank", "pipe one quoted"])
+def test_words_beyond_the_range_are_counted_in_a_long_table(tmp_path, how):
+    z = [WORDS[k // 50 % 6] if k % 50 == 1 else v for k, v in enumerate(Z)]
+    found = ms.read(write(tmp_path / "long.txt", how, z=z))
+
+    rows = range(1, N, 50)
+    beyond = [k for k in rows if k // 50 % 6 < 4]
+    assert np.flatnonzero(np.isnan(found.z)).tolist() == list(rows)
+    (said,) = found.metadata["warnings"]
+    assert said.startswith(f"{len(beyond)} fields such as 'OVER' (first: line 3)")
+
+
+@pytest.mark.parametrize("how", ["plain", "blank"])
+def test_a_number_beyond_all_floats_is_no_such_word(tmp_path, how):
+    z = ["inf" if k % 50 == 1 else v for k, v in enumerate(Z)]
+    z[AT] = "1e999"
+    with pytest.raises(ms.errors.ReadError, match=rf"line {AT + 2}\b"):
+        ms.read(write(tmp_path / "long.txt", how, z=z))

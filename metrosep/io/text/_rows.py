@@ -90,6 +90,11 @@ _IN_DOUBT = {
 """A number that may be in groups of thousands; with a point only where it ends in 0."""
 
 
+_FEW_ODD = 20_000
+"""Fields that are looked at one by one sooner than the text is searched for words."""
+_BEYOND_BARE = {word.lstrip("+-") for word in BEYOND}
+_INFINITE = {word for word in BEYOND if "inf" in word}
+
 _THREE_DIGITS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}\.\d{3}(?![\d.,])")
 
 _APART = re.compile(r"[^\w/\u00b0%'\u2019]+|_")
@@ -377,9 +382,8 @@ class Body:
             text, n_groups, group = found
             if dialect.decimal == ",":
                 text = text.replace(",", ".")
-        missing = self._words - BEYOND if mark != " " else frozenset()
         decimal = dialect.decimal if any(self._labels) else "."
-        columns = self._parsed(text, mark, missing, n_lines, decimal)
+        columns = self._parsed(text, mark, n_lines, decimal, first)
         if columns is None or (any(self._labels) and mark == ";" and _has_empty(columns[0])):
             return None  # a line that begins with a semicolon may be a comment
         numbers = [c for c in columns if not isinstance(c, list)]
@@ -399,17 +403,63 @@ class Body:
         self,
         text: str,
         mark: str,
-        missing: frozenset[str] | set[str],
         n_lines: int,
         decimal: str,
+        first: int,
     ) -> list[FloatArray | list[str]] | None:
         """Return the columns as the compiled parser reads them, words for no reading only once there are any."""
-        for words in (missing,) if self._has_words else (frozenset(), missing):
+        if not self._has_words:
             with contextlib.suppress(ValueError):
-                columns = columns_of(text, mark, self._labels, words, n_lines, decimal)
-                self._has_words = bool(words)
-                return columns
-        return None
+                columns = columns_of(text, mark, self._labels, frozenset(), n_lines, decimal)
+                if not any(np.isinf(c).any() for c in columns if not isinstance(c, list)):
+                    return columns
+        words = self._words - _INFINITE  # 1e999 would be such a word
+        if mark == " ":  # in a short row the parser would take what is missing for a word
+            text, words = single_blanks(text), frozenset(w for w in words if w and " " not in w)
+            if text.count(" ") != n_lines * (self._layout.n_raw - 1):
+                return None
+        try:
+            columns = columns_of(text, mark, self._labels, words, n_lines, decimal)
+        except ValueError:
+            return None
+        self._has_words = True
+        return columns if self._note_beyond(text, mark, columns, first) else None
+
+    def _note_beyond(
+        self, text: str, mark: str, columns: list[FloatArray | list[str]], first: int
+    ) -> bool:
+        """Make the fields NaN that say that the sensor was out of its range, and list them.
+
+        False where a number is beyond all floats.
+        """
+        declared = self._options.missing or ()
+        odd = {
+            k: (c, np.flatnonzero(~np.isfinite(c)))
+            for k, c in enumerate(columns)
+            if not isinstance(c, list)
+        }
+        n_odd = sum(at.size for _, at in odd.values())
+        if not n_odd:
+            return True
+        if n_odd > _FEW_ODD and not any(np.isinf(c).any() for c, _ in odd.values()):
+            folded = text.lower()
+            if not any(word in folded for word in _BEYOND_BARE):
+                return True
+        raw = text.encode()
+        ends = np.flatnonzero(np.frombuffer(raw + b"\n", dtype=np.uint8) == ord("\n"))
+        found = []
+        for k, (values, at) in odd.items():
+            if at.size:
+                for i in at.tolist():
+                    line = raw[ends[i - 1] + 1 if i else 0 : ends[i]].decode()
+                    field = line.split(mark)[k].strip()
+                    if field.lower() in BEYOND and field.lower() not in declared:
+                        found.append((first + i, field))
+                    elif np.isinf(values[i]) and field.lower() not in declared:
+                        return False
+                columns[k] = np.where(np.isinf(values), np.nan, values)
+        self._beyond += sorted(found)
+        return True
 
     def _ungrouped(self, text: str, mark: str) -> tuple[str, int, tuple[int, str]] | None:
         """Return the text without marks of thousands, how many fields had one, and the first of these.

@@ -434,7 +434,17 @@ class RunningClock:
 def _day_numbers(
     year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the days since 1970, and which dates there are: no 31 February."""
+    """Return the days since 1970, and which dates there are: no 31 February.
+
+    A date that stays from row to row is looked at once.
+    """
+    begins = np.ones(year.size, dtype=np.bool_)
+    begins[1:] = (np.diff(day) != 0) | (np.diff(month) != 0) | (np.diff(year) != 0)
+    at = np.flatnonzero(begins)
+    if 2 * at.size < year.size:
+        numbers, found = _day_numbers(year[at], month[at], day[at])
+        lengths = np.diff(at, append=year.size)
+        return np.repeat(numbers, lengths), np.repeat(found, lengths)
     months = (year - 1970) * 12 + (month - 1)
     start = months.astype("M8[M]")
     days = start.astype("M8[D]") + (day - 1)
