@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
@@ -238,6 +239,12 @@ class FitResult(PublicObject):
                 f"{name} can hardly be distinguished from a flat: {bent} = {c:.3g} 1/m, U = {U:.2g} 1/m "
                 f"(power {format_length(c * sag)}, U = {format_length(U * sag)} over the aperture);"
                 f" with {_SHARE} {bounds}"
+            )
+        if found and "angle" in self.params and "angle" not in self.names:
+            angle = math.degrees(self.params["angle"]) % 180.0
+            found[-1] += (
+                f"; the axis is held at {angle:.3g} deg from x: where it lies elsewhere, name the "
+                f'angle, "{self.form.name}: angle={(angle + 90.0) % 180.0:.3g} deg"'
             )
         return found
 

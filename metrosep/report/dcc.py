@@ -9,6 +9,7 @@ certificate checked against them.
 from __future__ import annotations
 
 import base64
+import math
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -499,7 +500,10 @@ def _real(
             _si("valueExpandedMU", _number(U)),
             _si("coverageFactor", f"{k:.9f}".rstrip("0").rstrip(".")),
             _si("coverageProbability", f"{p:.9f}".rstrip("0")),
-            _si("distribution", "normal"),
+            # any other k for this p is of Student's distribution, whose name D-SI leaves open
+            _si("distribution", "normal")
+            if abs(math.erf(k / math.sqrt(2.0)) - p) < 1e-3
+            else None,
         )
     elif u is not None:
         spread = _si("standardMU", _si("valueStandardMU", _number(u)))

@@ -109,7 +109,10 @@ def view(document: Document) -> dict[str, Any]:
             str(separation.get("op") or "separate"),
             by_direction=bool(estimate.get("audit")),
         ),
-        "inputs": [input_row(i) for i in document.get("inputs") or []],
+        "inputs": [
+            *(input_row(i) for i in document.get("inputs") or []),
+            *_certificates(document, first["t"]),
+        ],
         "steps": [step_row(s) for s in document.get("provenance") or []],
         "recipe": document.get("recipe") or None,
         "versions": sorted((document.get("versions") or {}).items()),
@@ -450,6 +453,20 @@ def header_rows(document: Document) -> list[tuple[str, str]]:
     if unit.get("name"):
         rows.append(("file", str(unit["name"])))
     return [(name.capitalize(), one_line(value)) for name, value in rows]
+
+
+def _certificates(document: Document, t: Texts) -> list[dict[str, str]]:
+    """Return the certificates of instruments whose hash is stated, as rows beside the inputs."""
+    return [
+        {
+            "name": one_line(each.get("certificate") or each.get("name") or t["not_stated"]),
+            "format": t["certificate"],
+            "size": "–",
+            "sha256": one_line(each["sha256"]),
+        }
+        for each in (document.get("report") or {}).get("instrument") or []
+        if each.get("sha256")
+    ]
 
 
 def short_hashes(document: Document) -> str:

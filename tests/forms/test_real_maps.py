@@ -345,6 +345,21 @@ def test_a_flat_has_an_answer(form):
         assert "Infinity" not in repr(found.to_dict())
 
 
+def test_a_cylinder_whose_axis_is_held_across_names_the_angle():
+    """A trough along y, fitted with the axis along x, is flat there: what the drawing lacks is its angle."""
+    x = 10e-6 * (np.arange(60) - 29.5)
+    z = 50e-3 - np.sqrt(50e-3**2 - x[None, :] ** 2) + np.zeros((60, 1))
+    trough = ms.Surface(z, 10e-6, 10e-6)
+    warned = " ".join(ms.forms.fit(trough, ms.forms.Cylinder()).warnings)
+    assert (
+        'held at 0 deg from x: where it lies elsewhere, name the angle, "cylinder: angle=90 deg"'
+        in warned
+    )
+    right = ms.forms.fit(trough, ms.forms.Cylinder(angle=np.pi / 2.0))
+    assert right.params["R"] == pytest.approx(50e-3, abs=1e-9)
+    assert "angle" not in " ".join(right.warnings)
+
+
 def test_the_linear_fit_of_1_x_y_r2_is_the_answer_for_a_flat():
     X, Y = grid(101)
     z = 3e-5 * X + 2 * NM * np.random.default_rng(9).standard_normal(X.shape)

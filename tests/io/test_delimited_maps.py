@@ -32,7 +32,7 @@ def write_points(path, *, header="", separator=" ", order=1):
 
 
 @pytest.mark.parametrize(
-    ("separator", "nan"), [(",", "nan"), (" ", "NaN"), (";", ""), ("\t", "nan")]
+    ("separator", "nan"), [(",", "nan"), (" ", "NaN"), (";", ""), ("\t", "nan"), (" ", "No Data")]
 )
 def test_matrix_is_a_map_with_unit_and_step(tmp_path, separator, nan):
     path = write_matrix(tmp_path / "m.csv", MAP, separator, nan)

@@ -82,6 +82,14 @@ def test_a_stated_coverage_probability_is_in_the_certificate(document):
     assert (found["height"]["k"], found["height"]["p"]) == ("2.37", "0.99")
 
 
+def test_the_distribution_is_named_where_k_and_p_are_of_it(document):
+    judged = [e for e in document["characteristics"] if e["verdict"] is not None]
+    for k, named in ((2.0, len(judged)), (2.37, 0)):
+        entries = [{**e, "k": k} for e in judged]
+        xml = render_dcc({**document, "characteristics": entries}, pdf=PDF)
+        assert xml.count(b"<si:distribution>normal</si:distribution>") == named + 1  # temperature
+
+
 def test_a_draft_gives_no_certificate(document):
     held = {**document["report"]}
     held.pop("number")

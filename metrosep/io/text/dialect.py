@@ -71,6 +71,9 @@ MISSING: Final = frozenset(
 )  # fmt: skip
 """Words, in lower case, for "not measured"."""
 
+_NO_DATA = re.compile(r"(?<!\S)no data(?!\S)", re.IGNORECASE)
+"""One field, of two words, also where blanks separate the fields."""
+
 BEYOND: Final = frozenset(
     {"out of range", "over range", "under range", "saturated"}
     | {s + w for s in ("", "+", "-") for w in ("inf", "infinity", "1.#inf", "\u221e")}
@@ -129,7 +132,7 @@ class Dialect:
         if self.separator == " " and self.quoted:
             return [_blank_separated(line) for line in lines]
         if self.separator == " ":
-            return [line.split() for line in lines]
+            return [_NO_DATA.sub("nodata", line).split() for line in lines]
         if self.separator == ", ":
             return [re.split(r",\s+", line.strip()) for line in lines]
         if self.quoted:
