@@ -69,10 +69,20 @@ class Peaks:
     threshold: float  # m: least prominence that was asked for
     is_filled: NDArray[np.bool_]  # shape (n_y, n_x): pixels that were filled
     filled: FloatArray  # shape (n_y, n_x), m: heights with the filled pixels; -inf not measured
-    # shape (n_y, n_x): hill of each pixel after pruning, 0 not measured; and of each peak, also of
-    # those that are not given because they stand at an edge
-    hills: NDArray[np.int32]
-    n_hills: int
+    # shape (n_y, n_x): hill of each pixel before pruning, 0 not measured; and what became of each: its
+    # hill after pruning, which those have too whose peak is not given because it stands at an edge
+    before: NDArray[np.int32]
+    after: NDArray[np.int32]
+
+    @property
+    def hills(self) -> NDArray[np.int32]:
+        """Hill of each pixel after pruning, 0 not measured, shape (n_y, n_x)."""
+        return self.after.take(self.before)
+
+    @property
+    def n_hills(self) -> int:
+        """Number of hills after pruning."""
+        return int(self.after.max())
 
     @property
     def n_filled(self) -> int:
@@ -186,8 +196,8 @@ def peaks_of(ground: Ground, *, pruning: float = 0.05, threshold: float | None =
         threshold,
         ground.is_filled,
         filled,
-        np.append(np.int32(0), hill)[labels],
-        int(hill.max()),
+        labels,
+        np.append(np.int32(0), hill),
     )
 
 
@@ -283,12 +293,11 @@ def _hills(
     ends = target == np.arange(filled.size).reshape(filled.shape)
     summits = ends & measured
     markers, n = ndimage.label(summits, structure=eight)
-    ways, is_end = target.reshape(-1), ends.reshape(-1)
-    under_way = np.flatnonzero(~is_end[ways])
-    while under_way.size:
-        ways[under_way] = ways[ways[under_way]]
-        under_way = under_way[~is_end[ways[under_way]]]
-    labels = markers.reshape(-1)[ways].reshape(filled.shape)
+    ways = target.reshape(-1)
+    further = np.empty_like(ways)
+    while not np.array_equal(ways.take(ways, out=further, mode="clip"), ways):
+        ways, further = further, ways
+    labels = markers.reshape(-1).take(ways).reshape(filled.shape)
     labels[~measured] = 0
     # Of a flat top: the pixel nearest its middle.
     index = np.nonzero(summits.reshape(-1))[0]
@@ -358,13 +367,15 @@ def _prominences(
         for side in (a, b):
             np.maximum.at(highest, side, saddle)
         own = np.full(tops.size, np.iinfo(np.int64).max)  # of equal saddles that of the least key
-        sides = [(np.flatnonzero(saddle == highest[s]), s, o) for s, o in ((a, b), (b, a))]
-        for at, side, _ in sides:
-            np.minimum.at(own, side[at], key[at])
+        sides = []
+        for side, far in ((a, b), (b, a)):
+            at = np.flatnonzero(saddle == highest.take(side))
+            sides.append((side.take(at), far.take(at), key.take(at)))
+            np.minimum.at(own, sides[-1][0], sides[-1][2])
         other = np.full(tops.size, -1)
-        for at, side, far in sides:
-            mine = at[key[at] == own[side[at]]]
-            other[side[mine]] = far[mine]
+        for side, far, of in sides:
+            mine = np.flatnonzero(of == own.take(side))
+            other[side.take(mine)] = far.take(mine)
         joined = np.flatnonzero(other >= 0)
         into = other[joined]
         ends = (tops[joined] < tops[into]) | ((tops[joined] == tops[into]) & (joined > into))
@@ -383,7 +394,7 @@ def _prominences(
         still = np.zeros(tops.size, dtype=bool)  # hills are counted anew: few of them are left
         still[a] = still[b] = True
         number = np.cumsum(still) - 1
-        a, b, tops, name = number[a], number[b], tops[still], name[still]
+        a, b, tops, name = number.take(a), number.take(b), tops[still], name[still]
     pairs = np.concatenate(pruned) if pruned else np.empty(0, dtype=np.intp)
     return prominence, _joined(*np.divmod(pairs, n), n)
 
@@ -509,7 +520,9 @@ def mean_peak_curvature(
     """
     if len(peaks) == 0:
         raise TooFewSamplesError("no significant peak inside the map, so no curvature")
-    heights = np.where(peaks.is_filled, np.nan, np.asarray(z, dtype=np.float64))
+    heights = np.asarray(z, dtype=np.float64)
+    if peaks.n_filled:
+        heights = np.where(peaks.is_filled, np.nan, heights)
     n_y, n_x = heights.shape
     y, x = peaks.rows, peaks.columns
     inside = (y >= reach) & (y < n_y - reach) & (x >= reach) & (x < n_x - reach)
@@ -561,7 +574,8 @@ def closed_hills(peaks: Peaks, height: float, dx: float, dy: float) -> Hills:
     high = np.flatnonzero(peaks.filled >= height)
     edge = _at_edge(peaks.filled > -math.inf).reshape(-1)
     size = peaks.n_hills + 1
-    label, z = peaks.hills.reshape(-1)[high], peaks.filled.reshape(-1)[high]
+    label = peaks.after.take(peaks.before.take(high))
+    z = peaks.filled.take(high)
     area = np.bincount(label, minlength=size)
     volume = np.bincount(label, z - height, minlength=size)
     touches = np.bincount(label, edge[high], minlength=size) > 0
