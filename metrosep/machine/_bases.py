@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -148,6 +148,20 @@ def _arc(
     return Basis("arc", kept, low, high, off=off[keep], tilting=tilting) if kept else None
 
 
+def further_orders(basis: Basis, top: int) -> Basis | None:
+    """Return the shapes of a curve beyond its orders, up to top."""
+    if basis.kind == "arc":
+        whole = _arc("", basis.tilting, (basis.low, basis.high), top, top + 1, None)
+    else:
+        whole = replace(basis, orders=tuple(range(1, top + 1)))
+    if whole is None:
+        return None
+    chosen = np.array([n > max(basis.orders) for n in whole.orders])
+    orders = tuple(n for n in whole.orders if n > max(basis.orders))
+    off = None if whole.off is None else whole.off[chosen]
+    return replace(whole, orders=orders, off=off) if orders else None
+
+
 def _refuse_few(term: str, n_places: int, needed: int, degree: int | None) -> None:
     if degree is not None and n_places < needed:
         raise TooFewSamplesError(
@@ -168,11 +182,14 @@ class CurveTerm:
         Their covariance.
     basis : Basis
         The shapes.
+    beyond : tuple of (Basis, ndarray), optional
+        The shapes with the orders that were not fitted, and the mean square of what the fit misses.
     """
 
     coefficients: FloatArray
     cov: FloatArray
     basis: Basis
+    beyond: tuple[Basis, FloatArray] | None = None
 
     def evaluate(self, x: ArrayLike) -> FloatArray:
         """Return the error at positions, in the shape of x."""
@@ -180,8 +197,10 @@ class CurveTerm:
 
     def sd(self, x: ArrayLike) -> FloatArray:
         """Return its standard uncertainty at positions, in the shape of x."""
-        shapes = self.basis.at(positions_array(x, "position"))
-        return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", shapes, self.cov, shapes)))
+        basis, cov = self.beyond or (self.basis, self.cov)
+        shapes = basis.at(positions_array(x, "position"))
+        square = np.sum((shapes @ cov) * shapes, axis=-1)
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
     @property
     def value(self) -> float:
@@ -222,8 +241,10 @@ class CurveTerm:
         curve with a bow the lines differ.
         """
         row = self._line(method, span, at)[0]
-        u = math.sqrt(max(float(row @ self.cov @ row), 0.0))
-        return float(row @ self.coefficients), u
+        whole, cov = row, self.cov
+        if self.beyond is not None:
+            whole, cov = self._line(method, span, at, self.beyond[0])[0], self.beyond[1]
+        return float(row @ self.coefficients), math.sqrt(max(float(whole @ cov @ whole), 0.0))
 
     def bow(self, method: str = "least-squares", span: tuple[float, float] | None = None) -> float:
         """Return the P-V of the curve about the line of `slope`, m or rad."""
@@ -232,25 +253,30 @@ class CurveTerm:
         return float(np.ptp(self.evaluate(x) - float(row @ self.coefficients) * x))
 
     def _line(
-        self, method: str, span: tuple[float, float] | None, at: float | None
+        self,
+        method: str,
+        span: tuple[float, float] | None,
+        at: float | None,
+        whole: Basis | None = None,
     ) -> tuple[FloatArray, tuple[float, float]]:
         """Return the slope as a sum over the coefficients, and the range of the line."""
+        basis = whole or self.basis
         numbers.choice(method, "the line", ("least-squares", "end-points", "area", "tangent"))
-        if self.basis.kind != "legendre":
+        if basis.kind != "legendre":
             raise DataError("an axis of rotation has no slope over its position")
-        low, high = (self.basis.low, self.basis.high) if span is None else span
+        low, high = (basis.low, basis.high) if span is None else span
         if not low < high:
             raise DataError(f"a line lies between two positions, low before high, got {span!r}")
         if (at is None) == (method in ("area", "tangent")):
             raise DataError(f"at goes with area and tangent, and they need it; method is {method}")
         place = 0.0 if at is None else float(at)
         if method == "end-points":
-            ends = self.basis.at(np.array([low, high]))
+            ends = basis.at(np.array([low, high]))
             return (ends[1] - ends[0]) / (high - low), (low, high)
         if method == "tangent":
             step = 1e-3 * (high - low)
             x = place + step * np.array([-2.0, -1.0, 1.0, 2.0])
-            beside = self.basis.at(x)
+            beside = basis.at(x)
             five_point = np.array([1.0, -8.0, 8.0, -1.0]) / (12.0 * step)
             return np.asarray(five_point @ beside), (low, high)
         nodes, weights = np.polynomial.legendre.leggauss(64)
@@ -258,7 +284,7 @@ class CurveTerm:
         if method == "area":
             weights = weights * np.abs(x - place)
         far = x - float(weights @ x / weights.sum())
-        return np.asarray((weights * far) @ self.basis.at(x) / float(weights @ far**2)), (
+        return np.asarray((weights * far) @ basis.at(x) / float(weights @ far**2)), (
             low,
             high,
         )

@@ -172,23 +172,6 @@ class Places:
             chance += w * float(f.sf(stat[i] / d, d, self.free))
         return min(chance * trials, 1.0), chosen, size
 
-    def unseen(self, shapes: Shapes, chance: float) -> float:
-        """Return by how much one of a family, in the middle 2/3, misses the curves before it is named."""
-        from scipy.stats import f
-
-        _, W, Q, _ = self.cases[0]
-        c = shapes.columns[..., 0]
-        white = W @ c
-        bent = Q.T @ white
-        own = np.sum((white - Q @ bent) ** 2, axis=0)
-        left = c - np.linalg.solve(W, Q @ bent)
-        m = c.shape[1]
-        inner = np.arange(m)[m // 6 : m - m // 6]
-        trials = _independent((white - Q @ bent)[:, own > _LEFT * np.sum(white**2, axis=0)])
-        size = math.sqrt(float(f.isf(chance / trials, 1, self.free)))
-        height = size * np.max(np.abs(left[:, inner]), axis=0) / np.sqrt(own[inner])
-        return float(np.max(height))
-
 
 def _independent(columns: FloatArray) -> float:
     """Return how many independent shapes columns are (Li and Ji)."""
@@ -206,8 +189,8 @@ def sentence(
     read: str,
     at: tuple[float, float],
     size: float,
-    u: str,
     or_term: str = "",
+    u: str = "u of the curves contains it",
 ) -> str:
     """Return what the curves of a set leave, where, of which size, and what to do."""
     places = " to ".join(dict.fromkeys(format_engineering(v, unit) for v in at))
@@ -244,7 +227,7 @@ def sentence(
             "no order follows it",
             f"look for dirt or damage of the guide or the scale there; {each}",
         )
-    return f"{label}: what the curves leave {what}; {why}, and u does not contain it{u}: {remedy}"
+    return f"{label}: what the curves leave {what}; {why}, {u}: {remedy}"
 
 
 def rings_left(
@@ -269,13 +252,17 @@ def rings_left(
                 best = (one, shapes.kind, shapes.at[i], size)
     if not best[1]:
         return []
-    return [sentence(label, best[1], "radius", "m", "m", best[2], best[3], "")]
+    return [
+        sentence(
+            label, best[1], "radius", "m", "m", best[2], best[3], u="and u does not contain it"
+        )
+    ]
 
 
 def lack_of_fit(
     problem: Problem, current: Sequence[Instrument], good: Sequence[NDArray[np.bool_]]
-) -> tuple[list[str], dict[str, float], set[int]]:
-    """Return sentences, by axis the factor of u, and the sets that were judged by their repeats."""
+) -> tuple[list[str], set[int]]:
+    """Return sentences, and the sets that were judged by their repeats."""
     tests = []
     for k, reading in enumerate(problem.sets):
         block, left = problem.block(k, current[k])
@@ -309,8 +296,6 @@ def lack_of_fit(
                 x = q[moved[0]][rows][np.unique(which, return_index=True)[1]]
                 tests.append((k, moved, x, found))
     said: list[str] = []
-    unseen: dict[tuple[str, str, str], tuple[float, str]] = {}
-    factors: dict[str, float] = {}
     chance = _CHANCE / 5.0 / max(len(tests), 1)
     for k, moved, x, found in tests:
         reading, least = problem.sets[k], max(float(problem.steps[k]), _NOTHING)
@@ -324,32 +309,18 @@ def lack_of_fit(
                 one, i, size = found.best(shapes, least)
                 if shapes.kind == "corner":
                     size *= float(x[-1]) - shapes.at[i][0]
-                if shapes.kind in ("corner", "bump"):
-                    key, limit = (shapes.kind, moved[0], read), found.unseen(shapes, chance)
-                    if limit > unseen.get(key, (least, ""))[0]:
-                        unseen[key] = limit, problem.labels[k]
                 if one < chance and (one < best[0] or not best[1]):
                     best = (one, shapes.kind, shapes.at[i], size)
         if best[0] >= chance:
             continue
-        raised = math.sqrt(max(F, 1.0))
-        for axis in moved:
-            factors[axis] = max(raised, factors.get(axis, 1.0))
-        u = f" (u of the terms of {' and '.join(moved)} is raised {raised:.2g} times)"
         if best[1]:
             said.append(
-                sentence(problem.labels[k], best[1], moved[0], unit, read, best[2], best[3], u)
+                sentence(problem.labels[k], best[1], moved[0], unit, read, best[2], best[3])
             )
         else:
             said.append(
                 f"{problem.labels[k]}: its places differ from the curves by more than repeats of a place "
-                f"differ (F = {F:.3g}); u does not contain that{u}: give a higher degree of {' or '.join(moved)}, "
-                "ask for more terms, or check its tool point"
+                f"differ (F = {F:.3g}); u of the curves contains it: give a higher degree of "
+                f"{' or '.join(moved)}, ask for more terms, or check its tool point"
             )
-    said += [
-        f"{label}: a {kind} of {axis} that the curves miss by less than {format_engineering(limit, read)} may pass "
-        f"unseen, and u does not contain it: where one is likely, give a degree of {axis} that follows it, or read "
-        "more often"
-        for (kind, axis, read), (limit, label) in unseen.items()
-    ]
-    return said, factors, {k for k, *_ in tests}
+    return said, {k for k, *_ in tests}

@@ -155,7 +155,7 @@ def shapes_left(problem: Problem, system: System, fit: Fit, judged: Collection[i
                 length = 2.0 * span / float(twice[k])
                 of = ", or a term that was not asked for" if rest_of[axis] else ""
                 text = sentence(
-                    label, "waves", axis, unit, read, (length, length), float(size[k]), "", of
+                    label, "waves", axis, unit, read, (length, length), float(size[k]), of
                 )
                 found[label] = (float(stat[k]), text)
             # two places on either side at least: one that stands out alone is no jump
@@ -165,7 +165,7 @@ def shapes_left(problem: Problem, system: System, fit: Fit, judged: Collection[i
             k = int(np.argmax(stat))
             if stat[k] > found.get(label, (0.0, ""))[0]:
                 ends = (float(own[k + 1]), float(own[k + 2]))
-                text = sentence(label, "jumps", axis, unit, read, ends, float(size[k]), "")
+                text = sentence(label, "jumps", axis, unit, read, ends, float(size[k]))
                 found[label] = (float(stat[k]), text)
     return [text for stat, text in found.values() if math.exp(-0.5 * stat) * tried < _CHANCE]
 

@@ -651,7 +651,7 @@ def _found(
     null, members = null_sentences(estimate.blind, all_names)
     null = (*null, *hardly_known(names, units, estimate.cov[:p, :p]))
     unseen = {n.split(" ")[0] for group in members for n in group if n in names}
-    errors, fitted = terms_found(chain, bases, estimate.beta[:p], estimate.cov[:p, :p], unseen)
+    errors, fitted = terms_found(chain, bases, estimate.beta[:p], estimate.cov[:p, :p], unseen, {})
     for name in dead:
         errors[name] = UnseenTerm()
     u = np.sqrt(np.maximum(np.diag(estimate.cov), 0.0))

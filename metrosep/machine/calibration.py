@@ -26,6 +26,7 @@ from metrosep.core.units import format_engineering, format_length
 from metrosep.machine._bases import Basis, CurveTerm, UnseenTerm, null_sentences
 from metrosep.machine._drift_noise import Fit, rounding_covariance
 from metrosep.machine._lack_of_fit import lack_of_fit
+from metrosep.machine._left_out import left_out
 from metrosep.machine._model_choice import (
     factors_of_sets,
     lines_left,
@@ -111,6 +112,9 @@ class Calibration:
         Home, gauge, noise, what was not seen.
     audit : mapping
         Numbers with units in the keys.
+    beyond : tuple of (mapping of str to Basis, ndarray), optional
+        Shapes of each term with the orders that were not fitted, and the mean square of what the fit
+        misses by their coefficients: u of curves and of places contains it.
     """
 
     chain: Chain
@@ -130,6 +134,7 @@ class Calibration:
     sets: Mapping[str, ReadingSet] = field(repr=False)
     messages: tuple[str, ...] = ()
     audit: Mapping[str, Any] = field(default_factory=dict)
+    beyond: tuple[Mapping[str, Basis], FloatArray] | None = field(default=None, repr=False)
 
     def __getitem__(self, term: str) -> ErrorTerm:
         """Return the found error of a term; see `errors`."""
@@ -173,9 +178,11 @@ class Calibration:
         ndarray, shape (..., 3), m
             Workpiece X, Y, Z; infinite where the error depends on what the readings do not tell.
         """
-        J = columns_of(self.chain, self.bases, q, tool)
-        u = np.sqrt(np.maximum(np.einsum("...ij,jk,...ik->...i", J, self.covariance, J), 0.0))
+        bases, cov = self.beyond or (self.bases, self.covariance)
+        J = columns_of(self.chain, bases, q, tool)
+        u = np.sqrt(np.maximum(np.einsum("...ij,jk,...ik->...i", J, cov, J), 0.0))
         if self.blind.shape[1]:
+            J = columns_of(self.chain, self.bases, q, tool)
             part = np.linalg.norm(J @ self.blind, axis=-1)
             u[part > 1e-6 * np.linalg.norm(J, axis=-1)] = math.inf
         return np.asarray(u)
@@ -369,7 +376,10 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     of_digits = rounding_covariance(
         system.design, system.streams, fit, problem.steps, problem.alike(system)
     )
-    cov = (system.V @ (fit.cov + of_digits) @ system.V.T) / np.outer(system.sizes, system.sizes)
+    left = left_out(problem, current, found.good, system, fit)
+    spread, k = left.moment.copy(), beta.size
+    to_all = system.V / system.sizes[:, None]
+    spread[:k, :k] += to_all @ of_digits @ to_all.T
     rest = system.y - system.X @ beta
     residuals, noise, refused, chi2, n_stated = {}, {}, {}, 0.0, 0
     begin = 0
@@ -395,12 +405,12 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     messages = [_gauge(chain, homes), *_shapeless(problem, homes)]
     messages += [
         f"the readings hold more of {axis} than its orders: order {order} is there beyond chance; give a "
-        f"higher degree ({axis}={order}), u does not contain what is missing"
+        f"higher degree ({axis}={order}); u of the curves contains what is missing"
         for axis, order in found.lacking.items()
     ]
     messages += sets_that_add_nothing(problem, system)
     messages += lines_left(problem, system, fit)
-    lacks, raised, judged = lack_of_fit(problem, current, found.good)
+    lacks, judged = lack_of_fit(problem, current, found.good)
     messages += lacks
     messages += shapes_left(problem, system, fit, judged)
     messages += factors_of_sets(problem, system, fit)
@@ -414,16 +424,12 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         free = max(n_stated - share, 1.0)
         if chi2_of.sf(chi2, free) < 0.01:
             birge = math.sqrt(chi2 / free)
-            cov = cov * birge**2
+            spread = spread * birge**2
             messages.append(
                 f"the model lacks something: residuals are {birge:.3g} times the stated noise; all u "
                 "are raised by it"
             )
-    factor = np.ones(len(problem.names))
-    for i, name in enumerate(problem.names[: problem.n_terms]):
-        factor[i] = raised.get(axis_of_term(chain, name.split(" ")[0]), 1.0)
-    cov = cov * np.outer(factor, factor)
-    p = problem.n_terms
+    p, cov = problem.n_terms, spread[: beta.size, : beta.size]
     blind = system.blind / system.sizes[:, None]
     null, members = null_sentences(system.blind, problem.names)
     unseen = {name.split(" ")[0] for group in members for name in group}
@@ -432,7 +438,9 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         *(n + sums.get(i, "") for i, n in enumerate(null)),
         *hardly_known(problem.names[:p], problem.units[:p], cov[:p, :p]),
     )
-    errors, fitted = terms_found(chain, problem.bases, beta, cov, unseen)
+    beyond = {n: (left.bases[n], spread[np.ix_(own, own)]) for n, own in left.at.items()}
+    errors, fitted = terms_found(chain, problem.bases, beta, cov, unseen, beyond)
+    of_terms = np.concatenate([*left.at.values()])
     unknowns: dict[str, Mapping[str, tuple[FloatArray, FloatArray]]] = {}
     u = np.sqrt(np.maximum(np.diag(cov), 0.0))
     for k, label in enumerate(problem.labels):
@@ -440,8 +448,8 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         for name, where in problem.unknown_at[k].items():
             if name == "form":
                 shapes = problem.forms[k].columns
-                spread = np.einsum("ij,jk,ik->i", shapes, cov[where, where], shapes)
-                of_set[name] = (shapes @ beta[where], np.sqrt(np.maximum(spread, 0.0)))
+                square = np.einsum("ij,jk,ik->i", shapes, cov[where, where], shapes)
+                of_set[name] = (shapes @ beta[where], np.sqrt(np.maximum(square, 0.0)))
                 continue
             place = getattr(current[k], name, None) if is_place(current[k], name) else None
             of_set[name] = (beta[where] if place is None else np.asarray(place), u[where])
@@ -491,6 +499,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
                 "home": {a: homes.get(a, 0.0) for a in chain.axes},
             }
         ),
+        beyond=(freeze_mapping(dict(left.bases)), spread[np.ix_(of_terms, of_terms)]),
     )
 
 
@@ -500,6 +509,7 @@ def terms_found(
     beta: FloatArray,
     cov: FloatArray,
     unseen: set[str],
+    beyond: Mapping[str, tuple[Basis, FloatArray]],
 ) -> tuple[dict[str, ErrorTerm], dict[str, ErrorTerm]]:
     """Return terms, NaN where not determined, and the smallest that explain the readings."""
     errors: dict[str, ErrorTerm] = {}
@@ -514,7 +524,7 @@ def terms_found(
                 float(beta[mine][0]), u=math.sqrt(max(float(cov[mine, mine][0, 0]), 0.0))
             )
         else:
-            term = CurveTerm(beta[mine], cov[mine, mine], basis)
+            term = CurveTerm(beta[mine], cov[mine, mine], basis, beyond.get(name))
         unit = term_unit(chain, name)
         largest = float(np.abs(beta[mine]).max())
         if largest > LARGEST[unit]:

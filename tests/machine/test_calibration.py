@@ -714,4 +714,4 @@ def test_what_comes_back_at_a_place_is_named_and_drift_is_not(kind, drift):
         assert abs(size - SIZE_NM[kind]) < 0.3 * abs(SIZE_NM[kind]), message
         place = float(re.search(r"X = ([\d.]+) mm", message)[1]) if kind != "repeats" else 130.0
         assert abs(place - 130.0) <= 10.5, message
-        assert "of the terms of X is raised" in message
+        assert "u of the curves contains it" in message

@@ -1,0 +1,83 @@
+"""u of calibrated curves holds what the orders that were fitted leave out: corners, bumps, odd waves."""
+
+import numpy as np
+import pytest
+
+from metrosep.machine import Displacement, ReadingSet, calibrate, presets
+
+REACH, NOISE = 0.4, 0.1e-6
+PLACES = np.linspace(0.0, 1.0, 41)
+
+
+def corner(t, at, sign):
+    return 2e-6 * sign * np.maximum(t - at, 0.0)
+
+
+def bump(t, at, sign):
+    return 0.8e-6 * sign * (np.abs(t - at) < 0.03)
+
+
+def wave(t, at, sign):
+    return 0.5e-6 * sign * np.sin(2.0 * np.pi * 5.5 * t + 9.0 * at)
+
+
+def calibrated(curve, seed, *, places=PLACES, degree=3, runs=2):
+    """A laser along X, both ways; the truth is zero at home, X = 0."""
+    rng = np.random.default_rng([seed, 21])
+    t = np.concatenate([places[:: (-1) ** k] for k in range(runs)])
+    laser = Displacement(direction=(1, 0, 0))
+    q = {"X": REACH * t, "Y": 0.0, "Z": 0.0}
+    line = ReadingSet(laser, q, curve(t) + NOISE * rng.normal(size=t.size), unknown=("offset",))
+    return calibrate(presets("mill_xyz"), [line], terms=["EXX"], degrees=degree)
+
+
+@pytest.mark.parametrize("shape", [corner, bump, wave])
+def test_truth_is_within_3_u_whatever_the_orders_leave(shape):
+    beyond = []
+    for seed in range(6):
+        at, sign = 0.2 + 0.1 * seed, (-1) ** seed
+
+        def curve(t, at=at, sign=sign):
+            return 1e-6 * t**2 - 0.4e-6 * t + shape(t, at, sign)
+
+        term = calibrated(curve, seed).errors["EXX"]
+        off = np.abs(term.evaluate(REACH * PLACES) - (curve(PLACES) - curve(np.zeros(1))))
+        beyond.append(np.mean(off[1:] > 3.0 * term.sd(REACH * PLACES)[1:]))
+    assert np.max(beyond) <= 0.05
+
+
+def test_where_no_curve_is_left_out_u_is_that_of_the_readings():
+    """Of least squares in closed form; a third more, because a curve that is small cannot be seen."""
+    ratios, inside = [], []
+    t = np.concatenate([PLACES, PLACES[::-1]])
+    X = np.column_stack([t, t**2, t**3, np.ones(t.size)])
+    at = PLACES[1:, None] ** [1, 2, 3]
+    C = np.linalg.inv(X.T @ X)[:3, :3]
+    plain = NOISE * np.sqrt(np.einsum("ij,jk,ik->i", at, C, at))
+    for seed in range(10):
+        term = calibrated(lambda t: 1e-6 * t**2, seed).errors["EXX"]
+        u = term.sd(REACH * PLACES[1:])
+        ratios.append(np.mean(u / plain))
+        inside.append(np.abs(term.evaluate(REACH * PLACES[1:]) - 1e-6 * PLACES[1:] ** 2) <= 2 * u)
+    assert 1.0 < np.mean(ratios) < 1.5
+    assert np.mean(inside) > 0.92
+
+
+def test_u_is_larger_far_from_the_places():
+    """A wave is left out: between places that are 100 mm apart it may stand anywhere."""
+    places = np.r_[np.linspace(0.0, 0.4, 33), np.linspace(0.65, 1.0, 29)]
+    term = calibrated(lambda t: wave(t, 0.3, 1), 1, places=places).errors["EXX"]
+    u = term.sd(REACH * np.array([0.206, 0.525, 0.806]))
+    assert u[1] > 1.5 * max(u[0], u[2])
+
+
+def test_u_of_places_is_that_of_the_curve():
+    found = calibrated(lambda t: corner(t, 0.6, 1), 3)
+    x = REACH * np.array([0.3, 0.61, 0.97])
+    u = found.u_at({"X": x, "Y": 0.0, "Z": 0.0})[:, 0]
+    assert u == pytest.approx(found.errors["EXX"].sd(x), abs=1e-15)
+
+
+def test_a_degree_that_takes_all_places_leaves_nothing_to_judge():
+    found = calibrated(lambda t: 1e-6 * t**2, 2, places=np.linspace(0.0, 1.0, 5), degree=4, runs=3)
+    assert found.errors["EXX"].sd(REACH).item() < 3.0 * NOISE
