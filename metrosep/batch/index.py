@@ -14,7 +14,6 @@ import os
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +22,7 @@ from metrosep.batch.units import FAILED, RESULT, LeftOut, read_mark, sentences, 
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.limits import STATUS_OF_VERDICT
+from metrosep.core.plugins import entries
 from metrosep.core.public import PublicObject, shortened
 from metrosep.core.readable import digits_of, readable_unit
 from metrosep.io.own_notes import moment_of
@@ -180,8 +180,7 @@ def _folders(place: Path) -> list[str]:
 
 def index_formats() -> dict[str, Any]:
     """Return what writes an index, by format."""
-    others = {entry.name: entry for entry in entry_points(group="metrosep.indexes")}
-    return {**others, "json": _write_json, "csv": _write_csv}
+    return {**entries("metrosep.indexes"), "json": _write_json, "csv": _write_csv}
 
 
 def format_error(recipe: Recipe) -> RecipeError | None:

@@ -15,10 +15,8 @@ import functools
 import importlib
 import os
 import re
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, cast
 
@@ -28,6 +26,7 @@ from metrosep.core.errors import (
     ReadError,
     UnknownFormatError,
 )
+from metrosep.core.plugins import entries
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
@@ -478,14 +477,7 @@ def _load(file: Path) -> Format:
 
 
 def _plugins() -> dict[str, Any]:
-    found = _installed(metadata.entry_points, tuple(sys.path))
-    return {entry.name: entry.load() for entry in sorted(found, key=lambda e: e.name)}
-
-
-@functools.lru_cache(maxsize=4)
-def _installed(look: Callable[..., Any], _path: tuple[str, ...]) -> tuple[Any, ...]:
-    """Return the entry points of readers; looking them up costs 10 ms, as much as a small file."""
-    return tuple(look(group=ENTRY_POINTS))
+    return {name: entry.load() for name, entry in entries(ENTRY_POINTS).items()}
 
 
 def _plugin_format(name: str, reader: Any) -> Format:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.limits import COVERAGE, FROM_FIT, Limit, limit_problem, order_problem
+from metrosep.core.plugins import entries
 from metrosep.core.readable import PREFIXED, typed_number
 from metrosep.core.units import parse_quantity
 from metrosep.parameters.decision import decide
@@ -320,7 +320,7 @@ def _parts_name(name: str, place: Place) -> str:
 
 def report_formats() -> dict[str, Any]:
     """Return the installed report writers by format."""
-    return {entry.name: entry for entry in entry_points(group="metrosep.reports")}
+    return entries("metrosep.reports")
 
 
 def report_name(kind: str, stem: str = "report") -> str:

@@ -19,6 +19,7 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 from metrosep.core.methods import METHODS, Method
+from metrosep.core.plugins import entries
 from metrosep.core.provenance import freeze_mapping
 from metrosep.recipe.methods.turned import TurnedRuns, turning_axis
 from metrosep.recipe.pipeline import measuring_steps
@@ -421,9 +422,7 @@ class Recipe:
             Of any kind of its tree, for what concerns the whole batch; an input that fails is a
             row of the report.
         """
-        from importlib.metadata import entry_points
-
-        runners = {e.name: e for e in entry_points(group="metrosep.runners")}
+        runners = entries("metrosep.runners")
         if "batch" not in runners:
             raise UnsupportedFeatureError(
                 f"nothing that runs a batch over {folder} is installed (entry point 'batch' of "

@@ -64,7 +64,7 @@ def plugin(monkeypatch):
     reader = SimpleNamespace(sniff=sniff, read=read, channels=lambda file: ("height",))
     entry = SimpleNamespace(name="lion", load=lambda: reader)
     monkeypatch.setattr(
-        registry.metadata, "entry_points", lambda group: [entry] if "metrosep" in group else []
+        "importlib.metadata.entry_points", lambda group: [entry] if "metrosep" in group else []
     )
     return asked
 
