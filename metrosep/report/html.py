@@ -29,7 +29,7 @@ from metrosep.report.view import view
 if TYPE_CHECKING:
     from jinja2 import Template
 
-__all__ = ["captions_of", "figures_of", "is_narrow", "render_html", "write_html"]
+__all__ = ["captions_of", "figures_of", "is_narrow", "page_template", "render_html", "write_html"]
 
 
 def render_html(document: Mapping[str, Any]) -> str:
@@ -56,7 +56,7 @@ def render_html(document: Mapping[str, Any]) -> str:
     name = f"{shown['kind']} {shown['number']}".strip() if shown["number"] else shown["kind"]
     foot = " · ".join(t for t in (name, shown["t"]["draft"] if shown["draft"] else "",
                                   shown["look"].get("footer", "")) if t)  # fmt: skip
-    page = _template().render(
+    page = page_template("result").render(
         texts,
         figures=figures,
         main=first[0] if first else None,
@@ -105,8 +105,8 @@ def split_main(figures: Sequence[Any], document: Mapping[str, Any]) -> list[list
 
 
 @cache
-def _template() -> Template:
-    """Return the template, made once in each process."""
+def page_template(name: str) -> Template:
+    """Return the template of a page, made once in each process: that takes longer than a small page."""
     from importlib.resources import files
 
     from jinja2 import Environment, StrictUndefined
@@ -114,7 +114,7 @@ def _template() -> Template:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    source = files("metrosep.report").joinpath("templates/result.html.j2").read_text("utf-8")
+    source = files("metrosep.report").joinpath(f"templates/{name}.html.j2").read_text("utf-8")
     return environment.from_string(source)
 
 

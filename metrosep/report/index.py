@@ -84,22 +84,19 @@ def render_index(document: Document, *, folder: str | os.PathLike[str] | None = 
     """
     from importlib.resources import files
 
-    from jinja2 import Environment, StrictUndefined
     from markupsafe import Markup
+
+    from metrosep.report.html import page_template
 
     place = files("metrosep.report").joinpath("templates")
     script = "\n" + place.joinpath("index.js").read_text("utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    source = place.joinpath("index.html.j2").read_text("utf-8")
     rows, series = require_index(document), series_of(document)
     shown = [s for s in series if s.trend or any(s.verdicts)] or series
     columns, charted = shown[:_MOST_COLUMNS], [s for s in shown if s.trend] or shown
     units = [_row(r, i, columns, None if folder is None else Path(folder), document)
              for i, r in enumerate(rows)]  # fmt: skip
-    page = environment.from_string(source).render(
+    page = page_template("index").render(
         title=one_line(document.get("title") or "Batch"),
         total=len(rows),
         missing=len((document.get("not_begun") or {}).get("units") or ()),
