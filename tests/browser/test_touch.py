@@ -70,7 +70,22 @@ def test_a_circle_is_drawn_and_moved_by_finger(page: Any) -> None:
     assert page.errors == []
 
 
+def test_the_view_in_three_dimensions_turns_by_finger(page: Any) -> None:
+    page.click("#relief-on")
+    page.wait("Number(document.querySelector('#relief canvas')?.dataset.frames) > 0")
+    page.run("document.querySelector('#relief').scrollIntoView({block: 'center'})")
+    angles = "document.querySelector('#relief canvas').dataset.angles"
+    before = [float(v) for v in page.run(angles).split()]
+    x, y = page.middle("#relief canvas")
+    touch(page, line((x, y), (x + 50, y + 15)))
+    page.wait(f"{angles} !== {' '.join(f'{v:.3f}' for v in before)!r}")
+    after = [float(v) for v in page.run(angles).split()]
+    assert after[0] > before[0]
+    assert after[1] > before[1]
+
+
 def test_two_fingers_zoom_about_their_middle_and_one_pans(page: Any) -> None:
+    """The last here: after two fingers Chromium sends no touch when touch is switched on again."""
     page.run("document.querySelector('#map').scrollIntoView({block: 'center'})")
     seen: Callable[[], Any] = lambda: page.run("window.seen")  # noqa: E731
     page.run(
@@ -95,17 +110,3 @@ def test_two_fingers_zoom_about_their_middle_and_one_pans(page: Any) -> None:
     assert panned["centre"][1] - zoomed["centre"][1] == pytest.approx(
         10 * zoomed["scale"], rel=0.02, abs=0.0
     )
-
-
-def test_the_view_in_three_dimensions_turns_by_finger(page: Any) -> None:
-    page.click("#relief-on")
-    page.wait("Number(document.querySelector('#relief canvas')?.dataset.frames) > 0")
-    page.run("document.querySelector('#relief').scrollIntoView({block: 'center'})")
-    angles = "document.querySelector('#relief canvas').dataset.angles"
-    before = [float(v) for v in page.run(angles).split()]
-    x, y = page.middle("#relief canvas")
-    touch(page, line((x, y), (x + 50, y + 15)))
-    page.wait(f"{angles} !== {' '.join(f'{v:.3f}' for v in before)!r}")
-    after = [float(v) for v in page.run(angles).split()]
-    assert after[0] > before[0]
-    assert after[1] > before[1]
