@@ -175,10 +175,13 @@ def test_other_methods_fit_the_runs_as_before(runs, method):
     assert fit["removed"] == "offset"
 
 
-def test_auto_takes_the_degree_that_the_error_has(runs):
+def test_auto_takes_the_degree_that_the_error_has(runs, tmp_path):
     """A cubic: no term above is more than its uncertainty tells, and none below is enough."""
-    fit = of_recipe(runs, 'degree = "auto"\n')["polynomial"]
+    sets = [runs, *(write_runs(tmp_path / f"{seed}.csv", seed=seed) for seed in (2, 3))]
+    fits = [of_recipe(path, 'degree = "auto"\n')["polynomial"] for path in sets]
 
-    assert 3 <= fit["degree"] <= 5  # a needless term has q^2 > 2 v in one of six draws
-    assert "Cp" in fit["degree_chosen_by"]
+    # a needless term has q^2 > 2 v in one of six draws: one of five above a cubic in half of them
+    assert all(fit["degree"] >= 3 for fit in fits)
+    assert 3 <= np.median([fit["degree"] for fit in fits]) <= 5
+    assert "Cp" in fits[0]["degree_chosen_by"]
     assert of_recipe(runs, 'degree = "f-test"\n')["polynomial"]["degree"] == 3

@@ -412,6 +412,17 @@ def test_the_widened_band_is_that_of_louder_noise():
     assert true.max() > 0.05
 
 
+def test_the_level_of_each_noise_model_is_learnt_from_its_own_runs():
+    """Three runs of one model, or three models of one run each: a third of the cycles tells each level."""
+    model, _ = model_of([(0.0, 24.0)] * 3)
+    post = model.solve()
+    plain = post.covariance()
+    together = model.covariance(post) - plain
+    model.take([replace(run, group=i) for i, run in enumerate(model.runs)])
+    apart = model.covariance(model.solve()) - plain
+    np.testing.assert_allclose(apart, 3.0 * together, rtol=0.0, atol=0.1 * np.abs(apart).max())
+
+
 def test_the_level_of_the_noise_widens_nothing_that_no_reading_shows():
     """Where half of the travel is not read, no direction gains more than the loudest octave."""
     model, _ = model_of([(0.0, 12.0)] * 3)

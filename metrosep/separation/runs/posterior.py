@@ -52,6 +52,7 @@ class RunEquations:
     velocity: float
     feed: int  # number of the feedrate
     length: float  # m: travelled over the readings
+    group: int = 0  # number of the noise model
 
 
 _SAME_VELOCITY = 1e-4
@@ -388,19 +389,32 @@ class Model:
 
     def covariance(self, post: Posterior) -> FloatArray:
         """Return the covariance with what is not known of the noise in each octave, shape (N, N)."""
-        k = np.arange(1, self.extension.n + 1)
-        cycles = sum(r.length for r in self.runs) * k / self.extension.period
-        more = level_spread(np.asarray(cycles), len(self.runs)) - 1.0
-        louder = np.concatenate([more[:1], more, more, np.zeros(self.n_extra)])
         # The error of the solution is C A'n, and A'n has the covariance G = R'R: noise that is
         # greater by some factors F^2 gives R'F^2 R. R is the symmetric root, whose rows stay at their
         # wavelengths and have no part in what no reading shows; F G F would widen that as well.
-        gram = self.total[0]
-        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-        root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T * scale
-        half = (np.sqrt(louder)[:, None] * root) @ post.full_root @ post.full_root.T
-        return np.asarray(post.covariance() + half.T @ half)
+        whole = post.full_root @ post.full_root.T
+        out = whole.copy()
+        for gram, length in self._by_noise():
+            cycles = length * np.arange(1, self.extension.n + 1) / self.extension.period
+            more = level_spread(np.asarray(cycles), len(self.runs)) - 1.0
+            louder = np.concatenate([more[:1], more, more, np.zeros(self.n_extra)])
+            scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+            values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+            root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T * scale
+            half = (np.sqrt(louder)[:, None] * root) @ whole
+            out += half.T @ half
+        return np.asarray(out)
+
+    def _by_noise(self) -> list[tuple[FloatArray, float]]:
+        """Return the matrix of the runs of each noise model, as seen, and the length of their travels."""
+        groups = sorted({r.group for r in self.runs})
+        own = [[i for i, r in enumerate(self.runs) if r.group == g] for g in groups]
+        lengths = [sum(self.runs[i].length for i in at) for at in own]
+        if len(groups) == 1:
+            return [(self.total[0], lengths[0])]
+        return [
+            (_sum([self.seen[i] for i in at]).gram, n) for at, n in zip(own, lengths, strict=True)
+        ]
 
     def spread_of_spectrum(self, post: Posterior) -> FloatArray:
         """Return J (F + prior)^-1/2, what the learnt spectrum adds to the covariance (eq. 16)."""

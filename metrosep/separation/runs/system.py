@@ -155,7 +155,7 @@ class System:
     def equations(self, model: Model) -> list[RunEquations]:
         """Return the equations of every run (eqs. 4, 5): one pass over the samples."""
         out: list[RunEquations | None] = [None] * len(self.runs)
-        for group, noise in zip(self.groups, self.noise, strict=True):
+        for number, (group, noise) in enumerate(zip(self.groups, self.noise, strict=True)):
             for i in group:
                 rows = self.rows(i, noise, self.columns(i, model))
                 columns, y, o = rows[:, :-2], rows[:, -2], rows[:, -1]
@@ -170,6 +170,7 @@ class System:
                     velocity=self.runs[i].velocity,
                     feed=self.feeds[i],
                     length=float(np.ptp(self.runs[i].x)) * float(np.mean(~np.isnan(self.z[i]))),
+                    group=number,
                 )
         return [run for run in out if run is not None]
 
