@@ -168,7 +168,8 @@ def _refuse_measured(file: str) -> None:
     if columns:
         raise click.UsageError(
             f"{Path(file).name} has {columns}: name the columns of a list of targets with --target, "
-            "--direction and --readings, or of runs with --x, --z and --run"
+            "--direction and --readings, or of runs with --x, --z and --run; 'metrosep check' of the file "
+            "suggests them where it recognises the columns"
         )
 
 

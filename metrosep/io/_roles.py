@@ -187,7 +187,7 @@ def targets_in(table: Table) -> dict[str, str]:
     readings = [
         c.name
         for c in table.columns
-        if c.values is not None and c.name not in targets and roles[c.name] not in ("run", "index")
+        if c.values is not None and c.name not in targets
         if c.unit is not None and c.unit.dimension == "length"
     ]
     if len(targets) != 1 or not readings:

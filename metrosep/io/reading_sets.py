@@ -217,7 +217,7 @@ def _positions(
                 f"{', '.join(chain.axes)}"
             )
     parked = {e.name for e in chain.elements if e.parked}
-    found = {}
+    found, lacking = {}, []
     for axis in chain.axes:
         named = [n for n in table.names if n == axis or n.startswith((f"{axis}_", f"{axis} "))]
         if len(named) > 1:
@@ -230,10 +230,14 @@ def _positions(
         elif axis in at:
             found[axis] = np.asarray(quantity(at[axis], f"place of {axis}", kinds[axis]))
         elif axis not in parked:
-            raise FormatMismatchError(
-                f"{file.path}: axis {axis} has no column and no place; add a column {axis}_mm or "
-                f'{axis}_deg, or the line # at = {{ {axis} = "0 mm" }}'
-            )
+            lacking.append(axis)
+    if lacking:
+        places = [f'{a} = "0 {"deg" if kinds[a] == "angle" else "mm"}"' for a in lacking]
+        raise FormatMismatchError(
+            f"{file.path}: axis {', '.join(lacking)} has no column and no place, and each needs one. The file "
+            f"has {', '.join(table.names)}; an axis that moves is a column such as {lacking[0]}_mm or "
+            f"C_deg, and those that stay are in the line # at = {{ {', '.join(places)} }}"
+        )
     return found
 
 

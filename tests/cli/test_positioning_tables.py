@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 
 import numpy as np
 import pytest
@@ -762,3 +763,34 @@ def test_a_list_without_any_name_is_answered_with_its_columns(tmp_path, metrosep
     code, _, told = metrosep("table", tmp_path / "no.txt", "-o", tmp_path / "x.comp")
     assert code == 4
     assert "JSON" in told
+
+
+def test_check_of_a_german_list_prints_the_command_that_makes_its_table(tmp_path, metrosep):
+    """Cycles are columns of their own, "Lauf 1 [um]", below lines about the machine; decimal commas."""
+    rows = [
+        "Messung Achse X;Maschine M-9",
+        "Temperatur;20,4",
+        "",
+        "Zielposition [mm];Richtung;Lauf 1 [µm];Lauf 2 [µm];Lauf 3 [µm]",
+    ]
+    rng = np.random.default_rng(4)
+    for way, word in ((1, "+"), (-1, "-")):
+        for t in TARGETS[::way]:
+            reads = machine(t, way) / UM + rng.normal(0, 0.05, 3)
+            rows.append(
+                f"{t:.3f};{word};".replace(".", ",")
+                + ";".join(f"{r:.2f}".replace(".", ",") for r in reads)
+            )
+    file = tmp_path / "laser.txt"
+    file.write_bytes("\r\n".join([*rows, ""]).encode("cp1252"))
+    _, told, _ = metrosep("check", file)
+    (line,) = (x for x in told.splitlines() if "metrosep table" in x)
+    words = shlex.split(line.partition("metrosep table ")[2])
+    assert words[words.index("--readings") + 1] == "Lauf 1 [µm],Lauf 2 [µm],Lauf 3 [µm]"
+    words[words.index("AXIS")], words[words.index("FILE")] = "X", str(tmp_path / "x.comp")
+    code, _, told = metrosep("table", *words, "--deviation", "reached-minus-target")
+    assert code == 0, told
+    trim = trims(tmp_path / "x.comp")
+    for way in (1, -1):
+        left = [reached(t, way, trim) - t for t in TARGETS]
+        assert np.ptp(left) < 10 * LEFT  # the scatter of three readings of 50 nm, at 16 targets

@@ -21,7 +21,7 @@ Role: TypeAlias = Literal[
 
 ROLE_WORDS: Final[dict[Role, str]] = {
     "position": "x pos position encoder distance travel displacement lateral scanlength target nominal "
-    "axisposition weg strecke lage verfahrweg soll sollwert déplacement course abscisse cible "
+    "axisposition weg strecke lage verfahrweg soll sollwert sollposition zielposition déplacement course abscisse cible "
     "posizione spostamento corsa distanza quota posición desplazamiento distancia recorrido carrera "
     "位置 位移 距离 行程 坐标 変位量 距離 移動量 座標 "
     "координата положение перемещение расстояние",
