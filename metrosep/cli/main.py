@@ -38,8 +38,58 @@ _HOMES = {name: home for group in _GROUPS.values() for name, home in group.items
 """The module of each command, which is loaded when the command is called."""
 
 
+class _Place(click.types.StringParamType):
+    """A text that a shell completes as the name of a file, a folder or a machine."""
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[Any]:
+        """Return the machines that begin so; else what lets the shell name files or folders."""
+        from click.shell_completion import CompletionItem
+
+        words = _metavar(param)
+        if ctx.info_name == "identify" and not ctx.params.get("identify"):
+            words = "MACHINE"  # its first argument, which stands before the file
+        if "MACHINE" in words:
+            from metrosep.machine import presets
+
+            names = (
+                (*presets(), "tool") if "identify" in (param.name, ctx.info_name) else presets()
+            )
+            found = [n for n in names if n.startswith(incomplete)]
+            if found:
+                return [CompletionItem(n) for n in found]
+        is_folder = any(w in words for w in ("DIR", "FOLDER"))
+        return [CompletionItem(incomplete, type="dir" if is_folder else "file")]
+
+
+def _metavar(param: click.Parameter) -> str:
+    return param.metavar or (param.name or "").upper()
+
+
+def _is_place(param: click.Parameter) -> bool:
+    """Return whether a value is the name of a file, a folder or a machine: arguments are, but for names."""
+    if param.type is not click.STRING:
+        return False
+    if isinstance(param, click.Argument):
+        return param.name not in ("name", "process", "source")
+    words = _metavar(param)
+    return any(w in words for w in ("FILE", "DIR", "FOLDER", "MACHINE", "RESULT", "SET", "MAP"))
+
+
 class _Commands(click.Group):
     """A group that lists its commands without loading them."""
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
+        """Return the commands, and the other door of 'form', that begin so."""
+        from click.shell_completion import CompletionItem
+
+        found = super().shell_complete(ctx, incomplete)
+        if "identify".startswith(incomplete):
+            found.append(
+                CompletionItem("identify", help="Errors of a machine that explain a map.")
+            )
+        return found
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names, in alphabetical order."""
@@ -54,6 +104,8 @@ class _Commands(click.Group):
         for option in command.params:  # the place of the output is checked before anything is read
             if option.name == "out" and option.callback is None:
                 option.callback = _require_place
+            if _is_place(option):
+                option.type = _Place()
         return command
 
     def resolve_command(
@@ -62,7 +114,7 @@ class _Commands(click.Group):
         """Return the command that is called; of a name that is none, say which one is near."""
         import difflib
 
-        args = _other_door(args)
+        typed, args = args[0], _other_door(args)
         near = difflib.get_close_matches(args[0], list(_HOMES), n=1)
         if args[0] in _HOMES or not near or args[0].startswith("-"):
             name, command, rest = super().resolve_command(ctx, args)
@@ -71,7 +123,7 @@ class _Commands(click.Group):
                     command, info_name=name, parent=ctx, **command.context_settings
                 )
                 _refuse_repeated(command, inner, rest)
-            return name, command, rest
+            return typed if ctx.resilient_parsing else name, command, rest
         return ctx.fail(f"No such command {args[0]!r}. Did you mean {near[0]!r}?")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -68,6 +68,12 @@ __all__ = [
 @click.option("--over", metavar="AXIS,AXIS", help='Axes of a map, "X,Y".')
 @click.option("--poly", metavar="DEGREE", help="Degree of a polynomial: 2, or auto.")
 @click.option("--trial", metavar="LENGTH", help='One bump to try the sign on the machine: "2 um".')
+@click.option(
+    "--from-machine",
+    metavar="MACHINE",
+    expose_value=False,
+    help="Tables of the errors of a machine, as 'metrosep machine-tables MACHINE ERRORS...'.",
+)
 @force_option
 @file_options
 @json_option
@@ -86,7 +92,6 @@ def table(
     polynomials; a list of a positioning test (laser, ISO 230-2) for the pitch error of an axis; runs,
     which are separated first (--x, --z); or the measured map of an error for controllers that hold
     maps. 'metrosep controllers NAME' lists what a controller needs (--machine NAME=VALUE).
-    'metrosep table --from-machine MACHINE ERRORS...' is 'metrosep machine-tables MACHINE ERRORS...'.
 
     Exit code 1: it makes the error larger, removes less than 30 % of it, exceeds a limit, or its sign
     is not confirmed. 3: the readings do not show whether it helps. Nothing is written then.

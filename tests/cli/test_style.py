@@ -181,6 +181,29 @@ def test_completion_answers(capsys, monkeypatch):
     assert "plain,measure" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ("iden", "plain,identify"),
+        ("identify fts", "plain,fts_lathe"),
+        ("identify fts_lathe ma", "file,ma"),
+        ("identify fts_lathe map.x3p --cur", "plain,--curves"),
+        ("table --from", "plain,--from-machine"),
+        ("table --from-machine mi", "plain,mill_xyz"),
+        ("table --from-machine mill_xyz er", "file,er"),
+        ("table --from-machine=mill_xyz --ov", "plain,--over"),
+        ("measure pa", "file,pa"),
+        ("measure part.x3p --out re", "dir,re"),
+    ],
+)
+def test_completion_knows_both_doors_and_where_files_stand(capsys, monkeypatch, typed, said):
+    monkeypatch.setenv("_METROSEP_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", f"metrosep {typed}")
+    monkeypatch.setenv("COMP_CWORD", str(len(typed.split())))
+    run()
+    assert capsys.readouterr().out.split() == [said]
+
+
 def test_completion_in_powershell_asks_the_program(capsys, monkeypatch):
     assert run("completion", "powershell") == 0
     script = capsys.readouterr().out
