@@ -539,8 +539,8 @@ def map_of(path: str, key: str) -> Surface:
     found = read(path)
     if not isinstance(found, Surface):
         raise DataError(
-            f"{key}: {path} holds a {type(found).__name__}, and a map is needed: heights over x and y around the "
-            "axis (a form measurement of the surface), not one section"
+            f"{key}: {path} holds a {type(found).__name__}, and a map is needed: give the map of the part around "
+            "the axis (heights over x and y), not one section"
         )
     return found
 
