@@ -81,10 +81,10 @@ _SHOWN, _ALIKE = 3.0, 1.5
 """Standard uncertainties of gain and shift, and chi-square per degree of freedom, below which the
 prediction of a run from the others shows no fault."""
 
-_WELL_SEEN = 0.05
+_WELL_SEEN = 0.07
 """Standard uncertainty of the predicted gain up to which the prediction may withdraw a finding: it is
-0.02 to 0.04 where a vibration looks like a displacement, 0.1 and more where a displaced run's waves
-were taken for a vibration at its feedrate."""
+0.02 to 0.052 where a vibration looks like another gain or place, 0.1 and more where a displaced run's
+waves were taken for a vibration at its feedrate; the middle of these in the logarithm."""
 
 _MOST_NAMED = 4
 """Runs whose faults an error message spells out."""

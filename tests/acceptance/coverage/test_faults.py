@@ -9,12 +9,13 @@ from acceptance.coverage.faults import (
     false_alarms,
     fault_failures,
     fault_table,
+    runs_named,
     stated_size,
     try_fault,
 )
 from acceptance.coverage.judge import metrosep_joint
 from acceptance.coverage.machine import simulate
-from acceptance.coverage.rows import BASE
+from acceptance.coverage.rows import BASE, ROWS
 
 from metrosep.core.errors import InvalidSamplesError
 
@@ -138,3 +139,10 @@ def test_clean_sets_raise_no_alarm(measured):
 
     measured(f"false alarms: {len(alarms)} of 60 clean sets")
     assert len(alarms) <= 4, alarms
+
+
+@pytest.mark.slow
+def test_a_mode_in_phase_with_the_lead_is_no_gain_of_that_run():
+    """By its size alone one run of 120 mm/s has the gain 1.46; what the others predict of it has 0.95."""
+    measured = simulate(ROWS["lead cell 3"].machine, 795_001)
+    assert runs_named(metrosep_joint(measured.runs, 45.0).messages) == set()
