@@ -55,7 +55,7 @@ from metrosep.io.text.table import (
     to_si,
     without_empty_rows,
 )
-from metrosep.io.text.times import counted_moments, is_long_count
+from metrosep.io.text.times import counted_moments, is_long_count, written_moments
 
 __all__ = [
     "FEW_COLUMNS",
@@ -151,6 +151,10 @@ def _with_counted_time(table: Table) -> Table:
             if is_clock and column.unit is None and column.values is not None
             else None
         )
+        if found is None and is_clock and column.unit is None and column.values is not None:
+            written = written_moments(column.values)
+            what = "dates written as numbers (yyyymmddhhmmss)"
+            found = None if written is None else (written, what)
         if found is not None:
             made = replace(column, unit=parse_unit("s"), values=found[0])
             columns = tuple(made if c is column else c for c in table.columns)
