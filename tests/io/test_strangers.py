@@ -623,3 +623,21 @@ def test_a_comma_between_columns_and_as_decimal_mark_is_named(put):
     rows = table("x_mm,z_um", lambda k, x, z: f"{x:.2f},{z:.4f}".replace(".", ","))
     with pytest.raises(ms.errors.ReadError, match="export it with ';' between the columns"):
         ms.read(put(rows))
+
+
+def test_points_whose_height_has_another_name_are_a_map(put):
+    heights = np.arange(12.0).reshape(3, 4) ** 1.5
+    points = [f"{j};{i};{float(heights[i, j])!r}" for i in range(3) for j in range(4)]
+    found = ms.read(put("\n".join(["X;Y;Höhe", "µm;µm;nm", *points]) + "\n"))
+
+    np.testing.assert_allclose(found.z, heights * 1e-9, rtol=0, atol=1e-22)
+    assert found.dx == pytest.approx(1e-6, abs=1e-18)
+
+
+def test_a_time_that_falls_is_named_by_its_line(put):
+    text = table("t_s;z_um", lambda k, x, z: f"{0.1 * (k if k != 9 else 3):.1f};{z}")
+    with pytest.raises(
+        ms.errors.ReadError, match=r"line 11: .* falls from 0.8 s to 0.3 s.*skip_lines='11'"
+    ):
+        ms.read(put(text))
+    assert len(ms.read(put(text), skip_lines="11")) == N - 1

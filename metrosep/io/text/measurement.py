@@ -416,6 +416,9 @@ class _Made:
             return first, second, third
         lengths = [c for c in table.numbers if c.unit is not None and c.unit.dimension == "length"]
         named = {header_unit(c.name)[0].casefold(): c.name for c in lengths}
+        heights = [k for k, name in named.items() if k != "z" and role_of(name) == "height"]
+        if len(heights) == 1 and "z" not in named:  # X, Y, Höhe
+            named["z"] = named.pop(heights[0])
         if set(named) != {"x", "y", "z"}:
             return None
         if one_unit:
@@ -500,6 +503,12 @@ class _Made:
                 raise self.mismatch(
                     f"line {line}: the clock in column {timed.name!r} falls back by {by:g} s{why}; split the file "
                     "there, or give the columns of a profile with x= and z="
+                )
+            if falls.size and "separator" in table.header and runs_in(table) is None:
+                line = int(table.lines[falls[0] + 1])
+                raise self.mismatch(
+                    f"line {line}: the time in column {timed.name!r} falls from {t[falls[0]]:g} s to "
+                    f"{t[falls[0] + 1]:g} s; correct it, or leave the line out with skip_lines='{line}'"
                 )
         else:
             t = np.arange(len(table), dtype=np.float64) / rate_of(sampling_rate or 0.0)
