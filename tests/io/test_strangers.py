@@ -6,6 +6,7 @@ Each case is what a stranger's program put round the same thirty readings, and w
 import math
 import zipfile
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -535,3 +536,108 @@ def test_a_zip_with_one_file_is_that_file(tmp_path):
         archive.writestr("bomb.csv", bytes(2**27))
     with pytest.raises(ms.errors.UnsupportedFeatureError, match="unpack it first"):
         ms.read(path)
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        "OVER",
+        "Überlauf",
+        "hors gamme",
+        "fuori scala",
+        "Fuera de rango",
+        "超量程",
+        "オーバー",
+        "-INF",
+    ],
+)
+def test_words_beyond_the_range_in_the_languages_of_instruments(put, word):
+    rows = table("x_mm;z_um", lambda k, x, z: f"{x};{word if k in (4, 9) else z}")
+    found = ms.read(put(rows))
+
+    assert np.flatnonzero(np.isnan(found.z)).tolist() == [4, 9]
+    assert f"2 fields such as '{word}' (first: line 6)" in " ".join(found.metadata["warnings"])
+
+
+MONTHS = ["14 mars 2026", "14 févr. 2026", "14-août-2026", "14 ago. 2026", "14 ene 2026", "14 luglio 2026"]  # fmt: skip
+
+
+@pytest.mark.parametrize(("day", "number"), [*zip(MONTHS, (3, 2, 8, 8, 1, 7), strict=True)])
+def test_months_in_french_italian_and_spanish(put, day, number):
+    found = ms.read(put(table("Date;z_um", lambda k, x, z: f"{day} 10:{k:02d}:00;{z}")))
+
+    assert found.t.tolist() == pytest.approx([60.0 * k for k in range(N)], abs=1e-9)
+    assert found.metadata["header"]["clocks"]["Date"].startswith(f"2026-{number:02d}-14T10:00:00")
+
+
+def test_a_month_that_may_be_two_is_refused(put):
+    with pytest.raises(ms.errors.ReadError, match="line 2"):
+        ms.read(put(table("Date;z_um", lambda k, x, z: f"14 jui 2026 10:{k:02d}:00;{z}")))
+
+
+def test_datasets_of_hdf5_whose_names_end_in_a_unit(tmp_path):
+    path = tmp_path / "run.h5"
+    with h5py.File(path, "w") as file:
+        file["x_mm"], file["z_um"] = X, Z
+
+    found = ms.read(path)
+
+    np.testing.assert_allclose(found.x, np.array(X) * 1e-3, rtol=0, atol=TIGHT)
+    np.testing.assert_allclose(found.z, np.array(Z) * 1e-6, rtol=0, atol=TIGHT)
+
+
+def test_the_last_line_of_a_database_is_no_row(put):
+    frame = "+------+------+\n"
+    rows = table("| x_mm | z_um |", lambda k, x, z: f"| {x} | {z} |")
+    found = ms.read(put(frame + rows + frame + "30 rows in set (0.00 sec)\n"))
+
+    assert found.z.tolist() == [z * 1e-6 for z in Z]
+    assert any("30 rows in set" in w for w in found.metadata["warnings"])
+
+
+def test_a_table_of_r_numbers_its_rows_without_a_name(put):
+    rows = table('"x_mm" "z_um"', lambda k, x, z: f'"{k + 1}" {x} {z}')
+    found = ms.read(put(rows))
+
+    assert found.x.tolist() == [x * 1e-3 for x in X]
+    assert found.z.tolist() == [z * 1e-6 for z in Z]
+    with pytest.raises(
+        ms.errors.ReadError, match="line 1"
+    ):  # a name is lost, no column of numbers
+        ms.read(put(table('"x_mm" "z_um"', lambda k, x, z: f'"{x}" {z} {k}')))
+
+
+def test_dates_written_as_numbers_are_no_counts_of_seconds(put):
+    text = table(
+        "timestamp;z_um",
+        lambda k, x, z: f"20260228{23 + k // 60:02d}{k + 31 if k < 29 else 0:02d}07;{z}",
+    )
+    text = text.replace("20260228230007", "20260301000007")
+
+    assert ms.read(put(text)).t.tolist() == [60.0 * k for k in range(N)]
+    with pytest.raises(ms.errors.UnitError, match="dates written as numbers"):
+        ms.read(put(text), time="timestamp:s")
+
+
+def test_a_comma_between_columns_and_as_decimal_mark_is_named(put):
+    rows = table("x_mm,z_um", lambda k, x, z: f"{x:.2f},{z:.4f}".replace(".", ","))
+    with pytest.raises(ms.errors.ReadError, match="export it with ';' between the columns"):
+        ms.read(put(rows))
+
+
+def test_points_whose_height_has_another_name_are_a_map(put):
+    heights = np.arange(12.0).reshape(3, 4) ** 1.5
+    points = [f"{j};{i};{float(heights[i, j])!r}" for i in range(3) for j in range(4)]
+    found = ms.read(put("\n".join(["X;Y;Höhe", "µm;µm;nm", *points]) + "\n"))
+
+    np.testing.assert_allclose(found.z, heights * 1e-9, rtol=0, atol=1e-22)
+    assert found.dx == pytest.approx(1e-6, abs=1e-18)
+
+
+def test_a_time_that_falls_is_named_by_its_line(put):
+    text = table("t_s;z_um", lambda k, x, z: f"{0.1 * (k if k != 9 else 3):.1f};{z}")
+    with pytest.raises(
+        ms.errors.ReadError, match=r"line 11: .* falls from 0.8 s to 0.3 s.*skip_lines='11'"
+    ):
+        ms.read(put(text))
+    assert len(ms.read(put(text), skip_lines="11")) == N - 1

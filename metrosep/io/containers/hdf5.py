@@ -20,10 +20,12 @@ from metrosep.core.public import state_of
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
+from metrosep.core.units import Unit
 from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
 from metrosep.io.declared import Match
 from metrosep.io.registry import get, sniffer
 from metrosep.io.source import RawFile, refuse_options
+from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.measurement import columns_as_object, map_as_surface, unit_label, unit_of
 from metrosep.io.text.table import ColumnSpec
 
@@ -94,7 +96,7 @@ def read(
                 header=header,
             )
         columns = {
-            n: (_values(file, handle, n, max_pixels), unit_of(handle.attributes(n)))
+            n: (_values(file, handle, n, max_pixels), _own_unit(n, handle.attributes(n)))
             for n in _chosen(file, handle, lines, maps, channel)
         }
     x, z, time = (_as_path(asked, columns) for asked in (x, z, time))
@@ -113,6 +115,11 @@ def read(
         sampling_rate=sampling_rate,
         scale=scale,
     )
+
+
+def _own_unit(name: str, attributes: Mapping[str, Any]) -> Unit | None:
+    """Return the unit of a dataset: its attributes declare it, else its name."""
+    return unit_of(attributes) if unit_label(attributes) else header_unit(name)[1]
 
 
 _SCHEMA = "metrosep_schema"

@@ -82,6 +82,8 @@ BEYOND: Final = frozenset(
         for s in ("", "+", "-")
         for w in ("over", "under", "overflow", "overrange", "overload", "ol", "o.l", "ovld")
     }
+    | {"überlauf", "übersteuert", "hors gamme", "hors plage", "fuori scala", "fuori campo"}
+    | {"fuera de rango", "超量程", "溢出", "オーバー", "範囲外"}
 )
 """Words, in lower case, for a reading beyond the range of the sensor."""
 

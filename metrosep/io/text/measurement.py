@@ -55,7 +55,7 @@ from metrosep.io.text.table import (
     to_si,
     without_empty_rows,
 )
-from metrosep.io.text.times import counted_moments, is_long_count
+from metrosep.io.text.times import counted_moments, is_long_count, written_moments
 
 __all__ = [
     "FEW_COLUMNS",
@@ -151,6 +151,10 @@ def _with_counted_time(table: Table) -> Table:
             if is_clock and column.unit is None and column.values is not None
             else None
         )
+        if found is None and is_clock and column.unit is None and column.values is not None:
+            written = written_moments(column.values)
+            what = "dates written as numbers (yyyymmddhhmmss)"
+            found = None if written is None else (written, what)
         if found is not None:
             made = replace(column, unit=parse_unit("s"), values=found[0])
             columns = tuple(made if c is column else c for c in table.columns)
@@ -412,6 +416,9 @@ class _Made:
             return first, second, third
         lengths = [c for c in table.numbers if c.unit is not None and c.unit.dimension == "length"]
         named = {header_unit(c.name)[0].casefold(): c.name for c in lengths}
+        heights = [k for k, name in named.items() if k != "z" and role_of(name) == "height"]
+        if len(heights) == 1 and "z" not in named:  # X, Y, Höhe
+            named["z"] = named.pop(heights[0])
         if set(named) != {"x", "y", "z"}:
             return None
         if one_unit:
@@ -496,6 +503,12 @@ class _Made:
                 raise self.mismatch(
                     f"line {line}: the clock in column {timed.name!r} falls back by {by:g} s{why}; split the file "
                     "there, or give the columns of a profile with x= and z="
+                )
+            if falls.size and "separator" in table.header and runs_in(table) is None:
+                line = int(table.lines[falls[0] + 1])
+                raise self.mismatch(
+                    f"line {line}: the time in column {timed.name!r} falls from {t[falls[0]]:g} s to "
+                    f"{t[falls[0] + 1]:g} s; correct it, or leave the line out with skip_lines='{line}'"
                 )
         else:
             t = np.arange(len(table), dtype=np.float64) / rate_of(sampling_rate or 0.0)

@@ -58,6 +58,8 @@ BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
 """How a number begins, whatever follows."""
 
 
+_QUOTED = re.compile(r'\s*"[^"]*"(?:[,;\t ]\s*"[^"]*")*\s*')
+"""Names of which each is in quotes."""
 _UNDERLINE = 5
 """Dashes in a row from which a line below the name of a single column is drawn: shorter ones are words."""
 
@@ -65,10 +67,13 @@ _UNDERLINE = 5
 class Preamble:
     """The lines above a table: units, names, a count; text above the names is a preamble."""
 
-    def __init__(self, file: RawFile, layout: Layout) -> None:
+    def __init__(self, file: RawFile, layout: Layout, rows: Sequence[str] = ()) -> None:
         self._file = file
         self._dialect = layout.dialect
         self._n, self._most, self._usual = layout.n, layout.n_raw, layout.n_usual
+        self._is_counted = len(rows) > 1 and all(  # the rows of R, whose numbers have no name
+            line.lstrip().startswith(f'"{k}"') for k, line in enumerate(rows, start=1)
+        )
         self.rows: list[list[str]] = []
         self._names: list[str] | None = None
         self._units: list[Unit | None] | None = None
@@ -192,6 +197,11 @@ class Preamble:
                 self._n = n
                 return names
         names = split_header(line, mark, self._n)
+        if names is None and self._is_counted and _QUOTED.fullmatch(line):
+            names = split_header(line, mark, self._n - 1)
+            if names is not None:
+                self.unnamed = ("column1",)
+                return ["column1", *names]
         if names is not None or mark in {" ", ", "}:
             return names
         # a column without a name among others: the row numbers of pandas, R and Excel
@@ -236,6 +246,13 @@ class Preamble:
             odd = [nearest] if len(self._dialect.split([nearest[1]])[0]) > 1 else []
         if odd:
             first, line = min(odd)
+            n_names = len([f for f in line.split(",") if f.strip()])
+            if self._dialect.separator == "," and self._n == 2 * n_names > 2:
+                raise AmbiguousFormatError(
+                    f"{self._file.path}: line {first} ({line[:40]!r}) has {n_names} names, and the rows have {self._n} "
+                    "fields: the comma seems to separate the columns and to be their decimal mark too, which cannot "
+                    "be told apart; export it with ';' between the columns, or with a decimal point"
+                )
             every = ",".join(str(n) for n, _ in sorted(odd))
             raise FormatMismatchError(
                 f"{self._file.path}: line {first} ({line[:40]!r}) is neither a row of {self._n} names, "

@@ -72,6 +72,7 @@ from metrosep.io.text.times import (
     is_moment,
     may_be_minutes,
     moments,
+    written_moments,
 )
 
 __all__ = [
@@ -99,6 +100,8 @@ _FIRST_PART = 20_000
 """Characters that show whether all rows begin with the mark of a comment."""
 _LONG_FIELD = 2000
 """Characters in which a field in quotes that takes several lines must end."""
+_COUNTED = 20
+"""Rows that show whether they begin with "1", "2", "3"."""
 _FEW = 3
 """Separators from which a line of nothing else, above or below a map, is a row of it."""
 _WHOLE = 2.0**53
@@ -688,7 +691,7 @@ class TableHead:
             )
             named = [n for n, f in fields if n > header and row_in_comment(f, layout)]
             self.first_line = min([self.first_line, *named])
-        preamble = Preamble(file, layout)
+        preamble = Preamble(file, layout, lines[layout.start : layout.start + _COUNTED])
         kinds = {
             place: preamble.take(line, place) or "preamble"
             for place, line in content[: layout.start]
@@ -861,6 +864,11 @@ def since_first_row(
     least = np.fmin.reduce(np.abs(column.values), initial=np.inf)
     if not LONG_AGO_S < least * unit.factor < np.inf:
         return None
+    if written_moments(column.values) is not None:
+        raise UnitError(
+            f"column {column.name!r} holds dates written as numbers such as {column.values[0]:.0f}, not counts in "
+            f"{unit.name}; leave its unit out, or write them as yyyy-mm-dd hh:mm:ss"
+        )
     since, first = table.since_first(column)
     return since, (
         f"column {column.name!r} counts from a date; its time is given from the first row, which is at {first} "

@@ -28,18 +28,24 @@ __all__ = [
     "is_moment",
     "may_be_minutes",
     "moments",
+    "written_moments",
 ]
 
-_MONTHS = (
-    ("january", "januar"), ("february", "februar"), ("march", "märz", "mrz"), ("april",),
-    ("may", "mai"), ("june", "juni"), ("july", "juli"), ("august",), ("september",),
-    ("october", "oktober"), ("november",), ("december", "dezember"),
+_MONTHS = tuple(
+    tuple(names.split())
+    for names in (
+        "january januar janvier gennaio enero", "february februar février febbraio febrero",
+        "march märz mrz mars marzo", "april avril aprile abril", "may mai maggio mayo",
+        "june juni juin giugno junio", "july juli juillet luglio julio", "august août agosto",
+        "september septembre settembre septiembre", "october oktober octobre ottobre octubre",
+        "november novembre noviembre", "december dezember décembre dicembre diciembre",
+    )
 )  # fmt: skip
-"""Names in English and German, of which at least three letters stand."""
+"""Names in English, German, French, Italian and Spanish, of which at least three letters stand."""
 _DATE = (
     r"(?:(?P<y>\d{4})(?P<s1>[-/.年])(?P<m>\d{1,2})[-/.月](?P<d>\d{1,2})日?"
     r"|(?P<a>\d{1,2})(?P<s2>[-/.])(?P<b>\d{1,2})(?P=s2)(?P<y2>\d{4}|\d{2})"
-    r"|(?P<d3>\d{1,2})[- .]+(?P<name>[A-Za-zä]{3,})[- .]+(?P<y3>\d{4}))"
+    r"|(?P<d3>\d{1,2})[- .]+(?P<name>[A-Za-zäéû]{3,})[- .]+(?P<y3>\d{4}))"
 )
 _CLOCK = (
     r"(?:(?P<mi>\d{1,2}):(?P<sf>\d\d[.,]\d{1,9})"
@@ -138,6 +144,23 @@ def counted_moments(
     return None
 
 
+def written_moments(values: FloatArray) -> FloatArray | None:
+    """Return dates that are written as numbers, 20260314101500, in s from the first; None for others."""
+    known = values[np.isfinite(values)]
+    if not known.size or known.min() < _FIRST_YEAR * 1e10 or known.max() > _LAST_YEAR * 1e10:
+        return None
+    whole = np.where(np.isfinite(values), values, known[0]).astype(np.int64)
+    parts = [whole // 10**k % 100 for k in (8, 6, 4, 2, 0)]
+    days, is_date = _day_numbers(whole // 10**10, parts[0], parts[1])
+    hour, minute, second = parts[2:]
+    is_time = (hour < 24) & (minute < 60) & (second < 60)
+    if not (is_date & is_time).all():
+        return None
+    seconds = (days * 86400 + hour * 3600 + minute * 60 + second).astype(np.float64) + values % 1.0
+    seconds[~np.isfinite(values)] = np.nan
+    return np.asarray(seconds - seconds[np.isfinite(values)][0])
+
+
 class Entries:
     """What the texts of a column say, as arrays of shape (n,): the parts of dates and times of day."""
 
@@ -220,9 +243,8 @@ class Entries:
             self.date[:, rows] = [year, one, two] if is_swappable else [year, two, one]
         elif "name" in span:
             name = text[slice(*span["name"])].casefold()
-            month = next(
-                (k for k, of in enumerate(_MONTHS, 1) if any(m.startswith(name) for m in of)), 0
-            )
+            fit = [k for k, of in enumerate(_MONTHS, 1) if any(m.startswith(name) for m in of)]
+            month = fit[0] if len(fit) == 1 else 0  # jui is June or July
             year = whole("y3")
             self.date[:, rows] = [year, np.full_like(year, month), whole("d3")]
         self.is_dated[rows] = not span.keys().isdisjoint(("y", "a", "name"))
