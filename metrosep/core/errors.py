@@ -219,7 +219,8 @@ class CorruptFileError(ReadError, ValueError):
         self.found = found
         parts = [f"{self.path}: {reason}"]
         if field is not None:
-            parts.append(f"field {field}")
+            is_place = field.startswith(("line ", "lines ", "row ", "rows ", "column "))
+            parts.append(field if is_place else f"field {field}")
         if offset is not None:
             parts.append(f"at offset {offset}")
         if expected is not None:

@@ -151,6 +151,11 @@ def _check_limits(check: Mapping[str, Any], place: Place, *, has_table: bool) ->
             '"certificate: NUMBER"',
             "U_from",
         )
+    if check.get("U_from", "fit") not in ("fit", "repeats") and "U" not in check:
+        raise place.error(
+            f'U_from = "{origin}" says where a stated U comes from, and none is stated: write U',
+            "U_from",
+        )
     stray = next((key for key in ("k", "p") if key in check), None)
     if stray and check.get("U", FROM_FIT) == FROM_FIT:
         raise place.error(

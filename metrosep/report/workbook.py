@@ -213,10 +213,10 @@ def _profiles(book: Workbook, document: Mapping[str, Any]) -> None:
     bold = book.add_format({"bold": True, "text_wrap": True, "valign": "top"})
     if not columns:
         sheet.write_string(0, 0, "The result holds no curves.")
-    for i, (chart, name, unit, values) in enumerate(columns):
-        for row, text in enumerate((chart, name, unit)):
+    for i, column in enumerate(columns):
+        for row, text in enumerate((column.chart, column.name, column.unit)):
             sheet.write_string(row, i, one_line(text)[:_MOST_LETTERS], bold)
-        for row, value in enumerate(values[:_MOST_ROWS], start=3):
+        for row, value in enumerate(column.values[:_MOST_ROWS], start=3):
             if value is not None:
                 sheet.write_number(row, i, value)
     sheet.freeze_panes(3, 0)
@@ -236,7 +236,7 @@ def _charts(book: Workbook, columns: Sequence[Column]) -> None:
     for number, (title, members) in enumerate(groups.items()):
         chart = book.add_chart({"type": "scatter", "subtype": "straight"})
         first = columns[members[0]]
-        abscissa, unit = members[0], ""
+        abscissa, unit, is_log = members[0], "", False
         for i in members:
             column = columns[i]
             if column.name == first.name or column.name.startswith(f"{first.name}, "):
@@ -251,10 +251,13 @@ def _charts(book: Workbook, columns: Sequence[Column]) -> None:
                         "line": {"width": 1.25},
                     }
                 )
-                unit = unit or column.unit
+                unit, is_log = unit or column.unit, is_log or column.log
         chart.set_title({"name": one_line(title)[:_MOST_LETTERS]})
-        chart.set_x_axis({"name": _axis_name(first.name, first.unit), "crossing": "min"})
-        chart.set_y_axis({"name": _axis_name("value", unit), "crossing": "min"})
+        for place, text, log in (
+            (chart.set_x_axis, _axis_name(first.name, first.unit), first.log),
+            (chart.set_y_axis, _axis_name("value", unit), is_log),
+        ):
+            place({"name": text, "crossing": "min", **({"log_base": 10} if log else {})})
         chart.set_size(_CHART_SIZE)
         chart.show_blanks_as("gap")
         sheet.insert_chart(number * _CHART_ROWS, 0, chart)
@@ -297,12 +300,17 @@ class Column(NamedTuple):
     name: str
     unit: str
     values: list[float | None]  # of (float or None): ``None`` where nothing was measured
+    log: bool = False  # whether its axis is logarithmic
 
 
 def curve_columns(document: Document) -> list[Column]:
     """Return the curves of a result."""
     try:
-        found = [*_of_plots(document.get("plots") or {}), *_of_charts(document)]
+        found = [
+            *_of_plots(document.get("plots") or {}),
+            *_of_spectrum((document.get("estimate") or {}).get("spectrum") or {}),
+            *_of_charts(document),
+        ]
     except (AttributeError, KeyError, TypeError) as exc:
         raise DataError(
             f"a curve is damaged ({type(exc).__name__}: {exc}); run the recipe again"
@@ -329,6 +337,22 @@ def _of_plots(plots: Document) -> Iterator[Column]:
         yield _column(chart, f"mean run after, {label}", "nm", feed["after_nm"])
 
 
+def _of_spectrum(spectrum: Document) -> Iterator[Column]:
+    """Return amplitude over wavelength of the separated error, by direction; zero has no logarithm."""
+    n = len(spectrum.get("wavelength_mm") or [])
+    ways = spectrum.get("direction") or [None] * n
+    chart = "Amplitude over wavelength"
+    for way in dict.fromkeys(ways):
+        rows = [i for i, w in enumerate(ways) if w == way]
+        x, amplitude, sd = (
+            [spectrum[k][i] for i in rows] for k in ("wavelength_mm", "amplitude_nm", "sd_nm")
+        )
+        name = f"amplitude, {way}" if way else "amplitude"
+        yield _column(chart, "wavelength", "mm", x, log=True)
+        yield _column(chart, name, "nm", [a or None for a in amplitude], log=True)
+        yield _column(chart, f"standard uncertainty of {name}", "nm", sd)
+
+
 def _of_charts(document: Document) -> Iterator[Column]:
     for part in ("separation", "plan"):
         for chart in (document.get(part) or {}).get("charts") or []:
@@ -342,7 +366,8 @@ def _of_charts(document: Document) -> Iterator[Column]:
 def _of_panel(panel: Document, title: str, axis: Document) -> Iterator[Column]:
     for curve in panel["curves"]:
         name = ", ".join(str(t) for t in (panel.get("title"), curve.get("label")) if t)
-        yield _column(title, str(axis.get("name") or "x"), str(axis.get("unit") or ""), curve["x"])
+        x_name, x_unit = str(axis.get("name") or "x"), str(axis.get("unit") or "")
+        yield _column(title, x_name, x_unit, curve["x"], log=bool(axis.get("log")))
         yield _column(title, name or "value", str(panel.get("unit") or ""), curve["y"])
         if curve.get("u"):
             yield _column(
@@ -353,8 +378,11 @@ def _of_panel(panel: Document, title: str, axis: Document) -> Iterator[Column]:
             )
 
 
-def _column(chart: str, name: str, unit: str, values: Sequence[Any]) -> Column:
-    return Column(chart, name, unit, [known_number(v, f"an entry of {name}") for v in values])
+def _column(
+    chart: str, name: str, unit: str, values: Sequence[Any], *, log: bool = False
+) -> Column:
+    numbers = [known_number(v, f"an entry of {name}") for v in values]
+    return Column(chart, name, unit, numbers, log)
 
 
 # ---- the index of a batch as a workbook (xlsx): units, all characteristics, capability ---------

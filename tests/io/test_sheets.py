@@ -247,7 +247,7 @@ def test_title_empty_rows_and_footer_are_accounted_for(book):
 @pytest.mark.parametrize(
     ("value", "match"),
     [
-        ("broken", r"book\.xlsx, worksheet 'Data': .*field line 9.*'broken'"),
+        ("broken", r"book\.xlsx, worksheet 'Data': .*, line 9.*'broken'"),
         (
             dt.datetime(2026, 5, 1),
             r"worksheet 'Data': .*line 9",

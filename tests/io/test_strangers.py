@@ -176,7 +176,7 @@ REFUSED = {
     ),
     "quotes that end within a field": (
         table("x_mm,z_um", lambda k, x, z: f'"{x}"5,{z}' if k == 4 else f'"{x}","{z}"'),
-        r"between a quote and the next separator, field line 6",
+        r"between a quote and the next separator, line 6",
     ),
     "metres of time": (
         table("t [m];z [um]", lambda k, x, z: f"{k};{z}"),

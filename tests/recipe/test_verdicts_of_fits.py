@@ -148,6 +148,13 @@ def test_a_factor_of_no_stated_uncertainty_is_refused(tmp_path, key):
         ms.Recipe.parse(text, name="r.toml")
 
 
+@pytest.mark.parametrize("origin", ["budget: b.toml", "certificate: PTB 4711", "stated"])
+def test_an_origin_of_a_u_that_is_not_there_is_refused(origin):
+    """The verdict would rest on the u of the fit, under the name of a certificate."""
+    with pytest.raises(RecipeError, match="none is stated: write U"):
+        ms.Recipe.parse(f'{RECIPE}upper = "200 mm"\nU_from = "{origin}"\n', name="r.toml")
+
+
 def test_from_fit_belongs_to_fits(tmp_path):
     text = RECIPE.replace('"R"', '"residual.rms"') + 'upper = "1 um"\nU = "from fit"\n'
     recipe = ms.Recipe.parse(text, name="r.toml")

@@ -160,6 +160,27 @@ def test_profiles_keep_their_gaps_and_units(document):
     assert values[2] == pytest.approx(feed["before_nm"][2], abs=sixteen_digits)
 
 
+def test_the_spectrum_is_a_native_chart_with_two_logarithmic_axes(document):
+    book, spectrum = _book(document), document["estimate"]["spectrum"]
+    found = {}
+    for chart in book["Charts"]._charts:
+        title = "".join(r.t for p in chart.title.tx.rich.p for r in p.r)
+        found[title] = [a.scaling.logBase for a in (chart.x_axis, chart.y_axis)]
+    assert found["Amplitude over wavelength"] == [10.0, 10.0]
+    assert found["Error over position"] == [None, None]
+    columns = [
+        c for c in book["Profiles"].iter_cols() if c[0].value == "Amplitude over wavelength"
+    ]
+    held = {c[1].value: [x.value for x in c[3:] if x.value is not None] for c in columns}
+    for way in dict.fromkeys(spectrum["direction"]):
+        wanted = [
+            a
+            for a, w in zip(spectrum["amplitude_nm"], spectrum["direction"], strict=True)
+            if w == way
+        ]
+        assert held[f"amplitude, {way}"] == pytest.approx(wanted, rel=1e-12, abs=0.0)
+
+
 @pytest.mark.parametrize("text", HOSTILE)
 def test_a_workbook_of_hostile_names_holds_texts_only(text):
     document = _document(_entry() | {"name": text, "definition": text}, title=text)
