@@ -38,6 +38,7 @@ from metrosep.core.errors import DataError, NotConvergedError, SignCheckFailedEr
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.machine.chains import Chain
+from metrosep.machine.elements import require_travel
 from metrosep.machine.error_sets import ErrorSet
 
 __all__ = ["MachineTables", "MachineVolume", "tables_from_machine", "volume_from_machine"]
@@ -275,7 +276,8 @@ def tables_from_machine(
     InvalidSamplesError
         Positions are not real numbers, or a term is not known there.
     LimitError
-        A polynomial of `metrosep.process.run_polynomial` was not measured there.
+        A position is outside the stated travel of its axis, or a polynomial of
+        `metrosep.process.run_polynomial` was not measured there.
     UnitError
         An error is above 1 m or 1 rad.
 
@@ -375,6 +377,7 @@ def _corrected(
     zero = references(axes, grid, reference)
     offset = source.in_axes({**stand, **dict(zip(axes, zero, strict=True))})
     q = at_nodes(axes, grid, stand)
+    require_travel(chain.elements, {**stand, **dict(zip(axes, grid, strict=True))})
     c = solved(source, q, offset)
     before = source.remaining(q, {}, {a: -offset[a] + np.zeros(()) for a in c})
     after = source.remaining(q, c, {a: v - offset[a] for a, v in c.items()})

@@ -14,6 +14,7 @@
     errors_of = "body"                          # or "tool": against the workpiece
     error_frame = "after"                       # or "before"; see Element
     measured_at_mm = [0, 0, 0]                  # where the errors were read
+    travel_mm = [-50, 250]                      # or travel_deg; poses beyond it are refused
     errors = "XYZABC"                           # default: all of an axis that moves
     location_errors = { B0Z = { B = -1 } }      # or a list ["B0X"]: plain turns and offsets
 """
@@ -42,6 +43,7 @@ _UNIT_KEYS = (
     {f"location_{u}": ("location", f) for u, f in _LENGTHS.items()}
     | {f"angle_{u}": ("angle", f) for u, f in _ANGLES.items()}
     | {f"measured_at_{u}": ("measured_at", f) for u, f in _LENGTHS.items()}
+    | {f"travel_{u}": ("travel", f) for u, f in (_LENGTHS | _ANGLES).items()}
 )
 
 
@@ -119,6 +121,10 @@ def _element(row: Mapping[str, Any], values: Mapping[str, float], where: str) ->
         options["location_errors"] = _location_errors(row["location_errors"], where)
     for key, (target, factor) in _UNIT_KEYS.items():
         if key in row:
+            angle = key.rpartition("_")[2] in _ANGLES
+            if target == "travel" and angle != (row["kind"] == "rotary"):
+                of = "an angle" if row["kind"] == "rotary" else "a length"
+                raise DataError(f"{where}: the travel of this axis is {of}, got {key!r}")
             if target in options:
                 raise DataError(f"{where}: {target} is given twice, once as {key!r}")
             options[target] = _scaled(row[key], factor, values, f"{where}, {key}")

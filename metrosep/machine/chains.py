@@ -37,6 +37,7 @@ from metrosep.machine.elements import (
     element_terms,
     error_sign,
     paper_hint,
+    place_of,
 )
 from metrosep.machine.error_sets import ErrorSet, as_error_set
 
@@ -219,6 +220,8 @@ class Chain:
                 ": own travel is not a lever" if (e.kind, e.frame) == ("linear", "before") else ""
             )
             home = "" if e.kind == "fixed" else f"; zero at {e.name} = 0"
+            if e.travel is not None:
+                home += f"; travel {' to '.join(place_of(e, v) for v in e.travel)}"
             lines.append(
                 f"{e.name}: {e.kind}, carries the {e.branch}; errors of {sense} at ({place}) mm, "
                 f"{frames[e.frame]}{own}{home}"

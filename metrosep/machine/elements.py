@@ -23,9 +23,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+import numpy as np
+
 from metrosep.core import numbers
-from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.provenance import freeze_mapping
+from metrosep.core.units import format_length
 
 __all__ = [
     "BRANCHES", "DIRECTIONS", "FRAMES", "KINDS", "SIDES", "Element", "axis_of", "element_terms",
@@ -39,6 +42,7 @@ SIDES = ("body", "tool")
 DIRECTIONS = "XYZABC"
 
 _LOCATION_NAME = re.compile(r"E?[XYZABC]0[A-Za-z][A-Za-z0-9_]*")
+_REACHED = 1e-9  # m or rad beyond the end of a travel: rounding
 _UNIT_TOLERANCE = 1e-9  # a direction typed with ten digits passes, one with three does not
 
 
@@ -83,6 +87,9 @@ class Element:
         The axis may be missing in the positions: then it is not a joint, its motion and errors are nil.
     parallel_to : str, optional
         Name of the axis that this one repeats on purpose (a fast tool on a slide).
+    travel : sequence of float, shape (2,), m or rad, optional
+        Lowest and highest position that the axis reaches; not limited if omitted. Readings, inverse
+        kinematics, paths and tables are refused beyond it.
 
     Raises
     ------
@@ -120,6 +127,7 @@ class Element:
     angle: float = 0.0
     parked: bool = False
     parallel_to: str | None = None
+    travel: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
         given: object = self.name
@@ -150,6 +158,14 @@ class Element:
                 "put the rotation into a fixed element of its own"
             )
         self._check_parking()
+        if self.travel is not None:
+            ends = _vector(self.travel, 2, f"travel of {self.name!r}")
+            if self.kind == "fixed" or not ends[0] < ends[1]:
+                why = (
+                    "is fixed" if self.kind == "fixed" else "needs its low end before its high one"
+                )
+                raise DataError(f"element {self.name!r} {why}; travel is {_short(self.travel)}")
+            self._set("travel", ends)
         self._set("errors", self._checked_errors())
         self._set("location_errors", self._checked_location_errors())
 
@@ -231,6 +247,29 @@ class Element:
             acts, reason = any(line), "its displacement is zero"
         if not acts:
             raise DataError(f"location error {name!r} of {self.name!r} does nothing: {reason}")
+
+
+def place_of(element: Element, at: float) -> str:
+    """Return a position of an axis as text with its unit."""
+    return (
+        f"{math.degrees(at):.9g} deg" if element.kind == "rotary" else format_length(at, digits=9)
+    )
+
+
+def require_travel(elements: Sequence[Element], q: Mapping[str, Any]) -> None:
+    """Refuse poses that an axis with a stated travel does not reach."""
+    for e in elements:
+        if e.travel is None or e.name not in q:
+            continue
+        low, high = e.travel
+        at = np.ravel(np.asarray(q[e.name], dtype=np.float64))
+        beyond = np.flatnonzero((at < low - _REACHED) | (at > high + _REACHED))
+        if beyond.size:
+            more = f" (and {beyond.size - 1} more)" if beyond.size > 1 else ""
+            raise LimitError(
+                f"pose {beyond[0] + 1}{more}: {e.name} = {place_of(e, float(at[beyond[0]]))} is outside the "
+                f"travel of {e.name}, {place_of(e, low)} to {place_of(e, high)}"
+            )
 
 
 def error_sign(element: Element) -> float:

@@ -31,6 +31,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.machine._poses import tool_point
+from metrosep.machine.elements import require_travel
 from metrosep.machine.error_sets import as_error_set
 from metrosep.machine.terms import positions_array
 
@@ -513,6 +514,7 @@ def seen(
         raise DataError(
             f"an instrument is needed, got {instrument!r}; see metrosep.machine.Nest ..."
         )
+    require_travel(chain.elements, q)
     part = chain.from_bed() if instrument.end == "bed" else chain
     at = {a: v for a, v in q.items() if a in part.axes or a not in chain.axes}
     point = getattr(instrument, "point", None)

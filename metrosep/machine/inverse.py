@@ -21,6 +21,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, NotConvergedErr
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.machine._poses import tool_point
+from metrosep.machine.elements import require_travel
 from metrosep.machine.terms import positions_array
 
 if TYPE_CHECKING:
@@ -67,6 +68,8 @@ def inverse_kinematics(
         directions.
     InvalidSamplesError
         Points are not three coordinates, or do not broadcast with the axes.
+    LimitError
+        A pose is outside the stated travel of an axis.
 
     References
     ----------
@@ -93,7 +96,9 @@ def inverse_kinematics(
     }
     from_zero = np.broadcast_to(wanted, (*shape, 3)) - chain.transform(q, tool=tool)[..., :3, 3]
     moves = _solved(chain, q, free, from_zero)
-    return {**{a: moves[..., i] for i, a in enumerate(free)}, **{a: q[a] for a in given}}
+    found = {**{a: moves[..., i] for i, a in enumerate(free)}, **{a: q[a] for a in given}}
+    require_travel(chain.elements, found)
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -169,6 +174,8 @@ def correct_path(
     DataError
         An axis is missing or unknown, the linear axes reach fewer than two directions, or a correction
         jumps by more than `max_step`; the message names the poses.
+    LimitError
+        A pose, nominal or corrected, is outside the stated travel of an axis.
     NotConvergedError
         The errors are so steep that the corrections do not settle.
 
@@ -200,6 +207,7 @@ def correct_path(
     shape = np.broadcast_shapes((1,), *(v.shape for v in at.values()))
     nominal = {a: np.broadcast_to(v, shape).astype(np.float64) for a, v in at.items()}
     free = _linear_axes(chain, {a: v for a, v in nominal.items() if a not in _three(chain)})
+    require_travel(chain.elements, nominal)
     turning = [e.name for e in chain.elements if e.kind == "rotary" and e.name in nominal]
     # in parts: the poses of a path of a million blocks would take gigabytes
     parts = [
@@ -214,6 +222,7 @@ def correct_path(
         for i in range(0, shape[0], _AT_ONCE)
     ]
     moved = {a: np.concatenate([p.moved[a] for p in parts]) for a in nominal}
+    require_travel(chain.elements, moved)
     held = {a: np.concatenate([p.held[a] for p in parts]) for a in turning}
     before, turned, off, away, reached, across = (
         np.concatenate([getattr(p, name) for p in parts])
