@@ -6,6 +6,7 @@ so all that can be known from the recipe alone is refused here, with its line.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -40,6 +41,12 @@ __all__ = [
 ]
 
 RESULT_NAME = "result.json"
+
+_ROUNDED_P = 0.5e-4
+"""A share is typed to a hundredth of a per cent."""
+
+_NORMAL_TOO = 3.0
+"""GUM 6.3.3 names 2 and 3 as usual factors, and 3 is that of 99.73 %; between them t (G.3) is meant."""
 
 _OF_DRY_RUN = ("after_pv", "after_rms")
 
@@ -167,8 +174,23 @@ def _check_limits(check: Mapping[str, Any], place: Place, *, has_table: bool) ->
         raise place.error(
             f"p = {100 * check['p']:g} %: a coverage probability lies between 50 % and 100 %", "p"
         )
-    if not check.get("k", 2.0) >= 1.0:
-        raise place.error(f"k = {check['k']:g}: a coverage factor is at least 1", "k")
+    k = check.get("k", 2.0)
+    if not k >= 1.0:
+        raise place.error(f"k = {k:g}: a coverage factor is at least 1", "k")
+    normal = math.erf(k / math.sqrt(2.0))  # of every Student distribution the same k covers less
+    if "p" not in check and k >= _NORMAL_TOO:
+        raise place.error(
+            f"k = {k:g} without p: {100 * COVERAGE:.2f} % of few degrees of freedom, or "
+            f"{100 * normal:.2f} % of a normal distribution? State p",
+            "k",
+        )
+    p = check.get("p", COVERAGE)
+    if "k" in check and p > normal + _ROUNDED_P:
+        raise place.error(
+            f"p = {100 * p:.2f} % with k = {k:g}: no distribution of GUM G.3 covers more "
+            f"than {100 * normal:.2f} % there; state p, or correct k",
+            "p" if "p" in check else "k",
+        )
     try:
         decide(
             0.0,

@@ -148,6 +148,27 @@ def test_a_factor_of_no_stated_uncertainty_is_refused(tmp_path, key):
         ms.Recipe.parse(text, name="r.toml")
 
 
+@pytest.mark.parametrize(
+    ("key", "says"),
+    [
+        ("k = 1.0", r"p = 95.45 % with k = 1.*68.27 % there; state p"),
+        ('k = 2.0\np = "99 %"', r"p = 99.00 % with k = 2.*95.45 % there"),
+        ("k = 3.0", "99.73 % of a normal distribution.*State p"),
+        ('k = 1.0\np = "68.27 %"', None),
+        ('k = 3.0\np = "99.73 %"', None),
+        ("k = 2.0", None),
+        ("k = 2.28", None),  # 10 degrees of freedom
+    ],
+)
+def test_a_share_that_no_distribution_covers_is_refused(key, says):
+    text = f'{RECIPE}upper = "200 mm"\nU = "1 um"\n{key}\n'
+    if says is None:
+        assert ms.Recipe.parse(text, name="r.toml")
+        return
+    with pytest.raises(RecipeError, match=says):
+        ms.Recipe.parse(text, name="r.toml")
+
+
 @pytest.mark.parametrize("origin", ["budget: b.toml", "certificate: PTB 4711", "stated"])
 def test_an_origin_of_a_u_that_is_not_there_is_refused(origin):
     """The verdict would rest on the u of the fit, under the name of a certificate."""
