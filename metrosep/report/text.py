@@ -152,6 +152,10 @@ def number(value: float | None, factor: float, decimals: int) -> str:
 # ---- a value with its expanded uncertainty, GUM 7.2.6 ----------------------------------------------
 
 
+_DIGITS = 2.0**-52
+"""Of a number: an uncertainty below that share of a value says nothing of its digits."""
+
+
 class Printing(NamedTuple):
     """How the numbers of a row are printed: one unit and one last digit, those of U where it is known."""
 
@@ -180,7 +184,7 @@ def printing(
     ('0', 'µm')
     """
     name, factor = readable_unit([value] if value else [*limits], unit)
-    if U is None or not U > 0.0:
+    if U is None or not U > _DIGITS * abs(value or 0.0):
         sizes = [abs(v) / factor for v in ([value] if value else limits) if v is not None]
         whole = isinstance(value, int)  # a count
         return Printing(

@@ -186,7 +186,9 @@ def _characteristics(
         for column, value in ((4, row.lower), (5, row.upper)):
             _number(sheet, i, column, value, of.factor, None)
         if row.U is not None:
-            _number(sheet, i, 8, k, 1.0, book.add_format({"num_format": "0.00"}))
+            _number(
+                sheet, i, 8, k if row.U else None, 1.0, book.add_format({"num_format": "0.00"})
+            )
             sheet.write_string(i, 11, one_line(entry.get("u_source") or "of the method"))
         if row.verdict is not None:
             mark = stamp(row.verdict)
