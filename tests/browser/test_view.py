@@ -6,6 +6,7 @@ import json
 import time
 import tomllib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -276,4 +277,45 @@ def test_a_map_without_scale_reads_in_px_and_gets_its_scale_by_a_known_length(
     assert page.run("document.getElementById('no-scale').hidden")
     page.click("#undo")
     page.wait(f"{length}.includes('168.0\\u2009px')")
+    assert page.errors == []
+
+
+def test_inches_and_colours_are_preferred_for_every_file_and_start(
+    opened: Opened, map_file: Path
+) -> None:
+    """Another start has another port; the numbers are those of the metric page over 25.4 mm."""
+    page = opened(map_file)
+    row = "document.querySelector('[data-metric=PV] td:nth-child(2)').textContent"
+    metric = float(page.run(row).removesuffix("\u2009µm"))
+
+    def choose(which: str, value: str) -> None:
+        with suppress(RuntimeError):  # the page is loaded anew
+            page.run(
+                f"(() => {{ const e = document.getElementById('{which}'); e.value = '{value}';"
+                "e.dispatchEvent(new Event('change')); })()"
+            )
+
+    try:
+        choose("colours", "cividis")
+        choose("lengths", "inch")
+        page.wait(f"document.querySelector('[data-metric=PV]') && {row}.endsWith('µin')")
+        page.wait("document.querySelector('#status-full.done') !== null")
+        inches = page.run(row)
+        assert float(inches.removesuffix("\u2009µin")) == pytest.approx(
+            metric / 25.4e-3, rel=1e-3, abs=0.0
+        )
+        assert page.text("#colourbar").startswith("µin")
+        ticks = page.run(
+            "[...document.querySelectorAll('.colourbar-labels span')].map((e) => e.textContent)"
+        )
+        assert all(float(t.replace("\u2212", "-")) % 50 == 0 for t in ticks)  # round in inches
+        assert "in" in page.text("#section-of")
+        page.run("new Promise((done) => setTimeout(done, 1200))")  # the view is kept
+        page = opened(map_file.rename(map_file.with_name("other.x3p")))
+        assert page.run(row) == inches
+        assert page.run("document.getElementById('colours').value") == "cividis"
+    finally:
+        choose("colours", "viridis")
+        choose("lengths", "metric")
+        page.wait(f"document.querySelector('[data-metric=PV]') && {row}.endsWith('µm')")
     assert page.errors == []

@@ -16,7 +16,7 @@ import { KEYS, listenToKeys } from "./keys.js";
 import { makeLadder } from "./ladder.js";
 import { mendButtons, scaleLine } from "./mends.js";
 import { makeMetrics } from "./metrics.js";
-import { makeMemory } from "./remember.js";
+import { makeLengths, makeMemory } from "./remember.js";
 import { make as makeCompare } from "./tab_compare.js";
 import { make as makeFolder } from "./tab_folder.js";
 import { make as makeMachine } from "./tab_machine.js";
@@ -346,5 +346,5 @@ listenToKeys({
   el(["panel-steps", ...shown, "panel-metrics", "status"][panel - 1])?.focus();
 }, (event) => session.kind === "map" && tabs.chosen === "view" && drawing.key(event));
 listenToDrops((files) => receive(files));
-setInterval(drawSaved, 5000);
+setInterval(drawSaved, 5000), makeLengths(el("lengths"));
 wire.connect();

@@ -5,7 +5,7 @@
 // colours, moving (written here).
 
 import { colours } from "./colours.js";
-import { scaleFor, si, ticks } from "./format.js";
+import { places, scaleFor, si, ticks } from "./format.js";
 import { makeHandle } from "./handles.js";
 
 /** @typedef {import("./wire.js").Model} Model */
@@ -99,11 +99,7 @@ function render({ model, el }) {
 
   function drawLabels() {
     const wide = span[1] - span[0];
-    const raw = wide / Math.max(2, length / (flat ? 80 : 60));
-    const power = 10 ** Math.floor(Math.log10(raw));
-    const step = ([1, 2, 5, 10].find((n) => n * power >= raw) ?? 10) * power;
-    const splits = [];
-    for (let k = Math.ceil(span[0] / step); k * step <= span[1]; k += 1) splits.push(k * step);
+    const splits = places(span[0], span[1], wide / Math.max(2, length / (flat ? 80 : 60)), "m");
     const [factor, name] = scaleFor(Math.max(...span.map(Math.abs)), "m");
     const texts = ticks(splits, factor);
     unitLabel.textContent = name;

@@ -3,6 +3,7 @@
 
 import colourbarWidget from "./colourbar.js";
 import { si } from "./format.js";
+import { preferred } from "./remember.js";
 import mapWidget from "./map.js";
 import { ink, makePlot } from "./plots.js";
 import { makeModel, Superseded } from "./wire.js";
@@ -45,7 +46,7 @@ function makeSides(ask, fail) {
     const [box, name, map] = ["div", "p", "div"].map((tag) => document.createElement(tag));
     box.append(name, map);
     el.append(box);
-    const model = makeModel({ colours: localStorage.getItem("colours") ?? "viridis" }, (changes) => {
+    const model = makeModel({ colours: preferred("colours", "viridis") }, (changes) => {
       if (!("view" in changes)) return;
       load();
       const to = other();
@@ -107,7 +108,7 @@ export function makeDifference(el, wire, fail) {
   left.className = "plot";
   el.replaceChildren(title, mapRow, both, left);
   el.hidden = true;
-  const model = makeModel({ colours: localStorage.getItem("colours") ?? "viridis" }, (changes) => {
+  const model = makeModel({ colours: preferred("colours", "viridis") }, (changes) => {
     if ("view" in changes || "limits" in changes) ask();
   });
   const sides = makeSides((side, view) => wire.ask("compare", { against: besides, picture: { of: side, ...view } }, `compare ${side}`), fail);

@@ -13,6 +13,12 @@ const PREFIXES = [
   [1e-15, "f"], [1e-12, "p"], [1e-9, "n"], [1e-6, "µ"], [1e-3, "m"], [1, ""], [1e3, "k"], [1e6, "M"],
 ];
 
+/** Whether lengths are read in inches; what is stored stays as it was typed. */
+let inches = false;
+/** @param {boolean} is */
+export const setInches = (is) => void (inches = is);
+export const inInches = () => inches;
+
 /**
  * Return a plain number with a real minus sign.
  * @param {string} text
@@ -49,6 +55,7 @@ export function plain(value, digits = 4) {
 export function scaleFor(size, unit) {
   if (unit === "px" || !SCALED.has(unit)) return [1, unit];
   const value = Math.abs(size);
+  if (inches && unit === "m") return value >= 25.4e-6 ? [25.4e-3, "in"] : value >= 25.4e-11 || !value ? [25.4e-9, "µin"] : [25.4e-12, "nin"];
   if (!(value > 0) || !Number.isFinite(value)) return [1, unit];
   let found = PREFIXES[0];
   for (const entry of PREFIXES) if (value * (1 + 5e-5) >= entry[0]) found = entry;
@@ -65,7 +72,7 @@ export function scaleFor(size, unit) {
  */
 export function si(value, unit = "m", digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
-  if (value === 0) return unit === "1" || unit === "" ? "0" : `0${THIN}${unit}`;
+  if (value === 0) return unit === "1" || unit === "" ? "0" : `0${THIN}${scaleFor(0, unit)[1]}`;
   if ((unit === "1" || unit === "") && Number.isInteger(value) && Math.abs(value) < 1e6) return signed(String(value)); // a count
   const [factor, name] = scaleFor(value, unit);
   const text = plain(value / factor, digits);
@@ -78,6 +85,22 @@ export function si(value, unit = "m", digits = 4) {
  */
 export function powers(unit) {
   return unit.replace(/\^(-?\d+)/g, (_, n) => n.replace(/\d/g, (/** @type {string} */ d) => SUPER[Number(d)]).replace("-", "⁻"));
+}
+
+/** @param {string} unit */
+export const baseOf = (unit) => (inches && unit === "m" ? 25.4e-3 : 1);
+
+/** Return the power of ten below a size, of inches where these are read. @param {number} raw @param {string} unit */
+export function powerBelow(raw, unit) {
+  return baseOf(unit) * 10 ** Math.floor(Math.log10(raw / baseOf(unit)));
+}
+
+/** Return round places between two. @param {number} low @param {number} high @param {number} least apart @param {string} unit */
+export function places(low, high, least, unit) {
+  const power = powerBelow(least, unit);
+  const step = ([1, 2, 5].find((n) => n * power >= least * (1 - 1e-9)) ?? 10) * power;
+  const first = Math.ceil(low / step - 1e-9);
+  return Array.from({ length: Math.max(0, Math.floor(high / step + 1e-9) - first + 1) }, (_, i) => (first + i) * step);
 }
 
 /**

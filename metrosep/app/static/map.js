@@ -7,7 +7,7 @@
 // cursor [x, y] or null (written here), linked: the cursor of a map beside this one.
 
 import { painted } from "./colours.js";
-import { si } from "./format.js";
+import { powerBelow, si } from "./format.js";
 import { listenToPinch, makeHandle, wheelFactor } from "./handles.js";
 import { typed } from "./wire.js";
 
@@ -105,7 +105,7 @@ function render({ model, el }) {
       return;
     }
     const raw = 120 * scale;
-    const power = 10 ** Math.floor(Math.log10(raw));
+    const power = powerBelow(raw, model.get("unit") ?? "m");
     const step = [5, 2, 1].find((n) => n * power <= raw) ?? 1;
     ruler.hidden = false;
     ruler.style.width = `${(step * power) / scale}px`;

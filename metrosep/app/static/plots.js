@@ -2,7 +2,7 @@
 // Lines by uPlot with what a measurement needs: gaps stay gaps, axes in SI units, colours of the page,
 // upright handles on the x axis.
 
-import { logTick, scaleFor, ticks } from "./format.js";
+import { baseOf, inInches, logTick, places, scaleFor, ticks } from "./format.js";
 import { makeHandle, wheelFactor } from "./handles.js";
 import Lines from "./vendor/uPlot.esm.js";
 
@@ -177,6 +177,8 @@ export function makePlot(el, options) {
     stroke: () => ink("--soft"), font, grid: { stroke: () => ink("--grid"), width: 1 },
     ticks: { stroke: () => ink("--grid"), width: 1, size: 5 }, ...more,
   });
+  const round = (/** @type {() => string} */ unit) => (inInches()
+    ? { splits: (/** @type {any} */ _, /** @type {number} */ __, /** @type {number} */ min, /** @type {number} */ max, /** @type {number} */ gap) => places(min, max, gap, unit()) } : {});
   const linear = (/** @type {HTMLElement} */ label, /** @type {string} */ key, /** @type {() => string} */ unit) =>
     (/** @type {any} */ u, /** @type {number[]} */ splits) => {
       const { min, max } = u.scales[key];
@@ -188,13 +190,14 @@ export function makePlot(el, options) {
     (/** @type {any} */ _, /** @type {(number | null)[]} */ splits) => splits.map((v) => logTick(v, unit()));
   // Ticks 1 to 9 of each decade, of many decades 1 alone; those with labels stand as close as `room`
   // pixels for a decade allow, and never closer than `least`.
-  const decimal = (/** @type {number} */ room, /** @type {number} */ least) => ({
+  const decimal = (/** @type {number} */ room, /** @type {number} */ least, /** @type {() => string} */ unit) => ({
     splits(/** @type {any} */ _, /** @type {number} */ __, /** @type {number} */ min, /** @type {number} */ max) {
       const out = [];
       const last = max / min > 1e7 ? 1 : 9;
-      for (let k = Math.floor(Math.log10(min)); 10 ** k <= max; k += 1) {
+      const base = baseOf(unit());
+      for (let k = Math.floor(Math.log10(min / base)); base * 10 ** k <= max; k += 1) {
         for (let d = 1; d <= last; d += 1) {
-          const v = Number(`${d}e${k}`);
+          const v = Number(`${d}e${k}`) * base;
           if (v >= min * (1 - 1e-9) && v <= max * (1 + 1e-9)) out.push(v);
         }
       }
@@ -207,7 +210,7 @@ export function makePlot(el, options) {
       const digits = each > room ? [1, 2, 5] : [1];
       const step = Math.max(1, Math.ceil(least / each));
       const labelled = (/** @type {number} */ v) => {
-        const [digit, power] = v.toExponential().split("e").map(Number);
+        const [digit, power] = Number((v / baseOf(unit())).toPrecision(9)).toExponential().split("e").map(Number);
         return digits.includes(digit) && power % step === 0;
       };
       return splits.map((v) => (labelled(v) ? v : null));
@@ -228,8 +231,8 @@ export function makePlot(el, options) {
       ? { x: { time: false, distr: 3, range: decades }, y: { distr: 3, range: (/** @type {any} */ _u, /** @type {number} */ a, /** @type {number} */ b) => decades(_u, Math.max(a / 1.5, b * LEAST), b * 1.5) } }
       : { x: { time: false, range: (/** @type {any} */ _u, /** @type {number} */ a, /** @type {number} */ b) => (a === b ? [a - 1, b + 1] : [a, b]) } },
     axes: log
-      ? [axis({ values: logarithmic(xUnit), size: 34, ...decimal(150, 56) }), axis({ values: logarithmic(yUnit), size: 62, ...decimal(60, 16) })]
-      : [axis({ values: linear(foot, "x", xUnit), size: 34, space: 60 }), axis({ values: linear(corner, "y", yUnit), size: 56, space: 30 })],
+      ? [axis({ values: logarithmic(xUnit), size: 34, ...decimal(inInches() ? 230 : 150, 56, xUnit) }), axis({ values: logarithmic(yUnit), size: 62, ...decimal(60, 16, yUnit) })]
+      : [axis({ values: linear(foot, "x", xUnit), size: 34, space: 60, ...round(xUnit) }), axis({ values: linear(corner, "y", yUnit), size: 56, space: 30, ...round(yUnit) })],
     series: [{}, ...series.map((one) => ({ points: { show: false }, spanGaps: false, ...one }))],
     bands,
     hooks: {

@@ -1,11 +1,36 @@
 // @ts-check
-// What is shown is kept in the recipe, table [view], some time after the hand rests. It is not an edit.
+// What is shown is kept in the recipe, table [view], some time after the hand rests. It is not an edit. What a
+// user prefers for all files is a cookie: unlike other stores of a browser it holds for every port.
+
+import { setInches } from "./format.js";
 
 /** @typedef {Record<string, any>} Dict */
 
 const REST_MS = 900;
 const isPair = (/** @type {any} */ v) => Array.isArray(v) && v.length === 2 && v.every((one) => Number.isFinite(one));
 const round = (/** @type {number} */ v) => Number(v.toPrecision(9));
+
+/** @param {string} name @param {string} usual */
+export function preferred(name, usual) {
+  const start = `metrosep-${name}=`;
+  return document.cookie.split("; ").find((one) => one.startsWith(start))?.slice(start.length) ?? usual;
+}
+
+/** @param {string} name @param {string} value letters only */
+export function prefer(name, value) {
+  document.cookie = `metrosep-${name}=${value}; path=/; max-age=31536000; samesite=strict`;
+}
+
+setInches(preferred("lengths", "metric") === "inch"); // before a picture is made
+
+/** The choice of metric lengths or inches; all is drawn anew. @param {HTMLSelectElement} select */
+export function makeLengths(select) {
+  select.value = preferred("lengths", "metric");
+  select.addEventListener("change", () => {
+    prefer("lengths", select.value);
+    location.reload();
+  });
+}
 
 /**
  * Return the memory of the view.

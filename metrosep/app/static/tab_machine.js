@@ -2,7 +2,7 @@
 // Readings of a machine: its terms, what the readings do not determine, residuals, the volumetric error.
 
 import { painted } from "./colours.js";
-import { plain, scaleFor, si, ticks } from "./format.js";
+import { places, plain, scaleFor, si, ticks } from "./format.js";
 import { DASHES, roundOf } from "./machine_round.js";
 import { Refusal, Superseded } from "./wire.js";
 
@@ -33,15 +33,6 @@ function ends(values) {
   return [low - margin, high + margin];
 }
 
-/** Return about five round places. @param {number} low @param {number} high */
-function places(low, high) {
-  const raw = (high - low) / 5;
-  const power = 10 ** Math.floor(Math.log10(raw));
-  const step = [1, 2, 5, 10].map((k) => k * power).find((s) => s >= raw) ?? raw;
-  const first = Math.ceil(low / step);
-  return Array.from({ length: Math.floor(high / step) - first + 1 }, (_, i) => (first + i) * step);
-}
-
 /** A unit that a person reads: turns in degrees. @param {string} unit @returns {[number, string]} */
 const turned = (unit) => (unit === "rad" ? [Math.PI / 180, "deg"] : [0, ""]);
 
@@ -63,8 +54,8 @@ function panelOf(panel, chart) {
   svg.setAttribute("aria-label", `${panel.title || chart.title} over ${chart.x.name}`);
   const [fx, ux] = scaled([x0, x1], chart.x.unit, true);
   const [fy, uy] = scaled([y0, y1], panel.unit);
-  const xs = places(x0 / fx, x1 / fx).map((v) => v * fx);
-  const ys = places(y0 / fy, y1 / fy).map((v) => v * fy);
+  const xs = places(x0 / fx, x1 / fx, (x1 - x0) / fx / 5, "").map((v) => v * fx);
+  const ys = places(y0 / fy, y1 / fy, (y1 - y0) / fy / 5, "").map((v) => v * fy);
   ticks(xs, fx).forEach((text, i) => svg.append(svg_("line", { x1: left(xs[i]), x2: left(xs[i]), y1: FRAME.top, y2: HEIGHT - FRAME.bottom, class: "grid" }),
     svg_("text", { x: left(xs[i]), y: HEIGHT - FRAME.bottom + 15, "text-anchor": "middle" }, text)));
   ticks(ys, fy).forEach((text, i) => svg.append(svg_("line", { y1: top(ys[i]), y2: top(ys[i]), x1: FRAME.left, x2: WIDTH - FRAME.right, class: "grid" }),

@@ -11,7 +11,7 @@ import { si } from "./format.js";
 import mapWidget from "./map.js";
 import { gapped } from "./plots.js";
 import profileWidget from "./profile.js";
-import { bandOf, bandView, sectionOf, sectionView } from "./remember.js";
+import { bandOf, bandView, prefer, preferred, sectionOf, sectionView } from "./remember.js";
 import sectionWidget from "./section.js";
 import spectrumWidget from "./spectrum.js";
 import { listenToParts } from "./tabs.js";
@@ -48,7 +48,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     document.body.dataset[`${what}s`] = String(counts[what]);
   };
 
-  const map = makeModel({ colours: localStorage.getItem("colours") ?? "viridis" }, (changes) => {
+  const map = makeModel({ colours: preferred("colours", "viridis") }, (changes) => {
     if ("view" in changes || "limits" in changes) askMap();
     if ("a" in changes || "b" in changes) {
       askSection();
@@ -65,7 +65,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
   });
   const density = makeModel({});
   const heights = makeModel({ at: null }, (changes) => "at" in changes && askHeights());
-  const waves = makeModel({ ring: null, colours: localStorage.getItem("colours") ?? "viridis" });
+  const waves = makeModel({ ring: null, colours: preferred("colours", "viridis") });
   const polar = makeModel({ rounds: [] });
   const profile = makeModel({ shown: "residual", window: null }, (changes) => {
     if ("window" in changes) askProfile();
@@ -332,7 +332,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     },
     /** @param {string} name */
     colours(name) {
-      localStorage.setItem("colours", name);
+      prefer("colours", name);
       map.put({ colours: name });
       waves.put({ colours: name });
       paintRelief();
