@@ -184,7 +184,7 @@ def printing(
     ('0', 'µm')
     """
     name, factor = readable_unit([value] if value else [*limits], unit)
-    if U is None or not U > _DIGITS * abs(value or 0.0):
+    if U is None or not _DIGITS * abs(value or 0.0) < U:
         sizes = [abs(v) / factor for v in ([value] if value else limits) if v is not None]
         whole = isinstance(value, int)  # a count
         return Printing(

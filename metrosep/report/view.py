@@ -201,9 +201,7 @@ def _characteristic(entry: Document, row: CharacteristicRow) -> dict[str, Any]:
         "symbol": entry.get("symbol") or "",
         "value": "not known" if row.value is None else of.text(row.value),
         "unit": "" if of.unit == "1" else of.unit,
-        "u": of.text(row.u)
-        if not U or not row.u or row.u > 0.05 * U
-        else f"{row.u / of.factor:.2g}",
+        "u": of.text(row.u) if not row.u or float(of.text(row.u)) else f"{row.u / of.factor:.2g}",
         "U": rounded_pair(row.value, row.U, row.unit, limits=limits)[1],
         "limits": limits_text(*limits, of.factor),
         "definition": _sentence(entry.get("definition")),

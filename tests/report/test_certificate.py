@@ -287,7 +287,7 @@ def test_value_and_uncertainty_are_rounded_to_the_same_place(value, U, unit, sho
         (2.32441e-9, None, 0.196e-9, ("2.32", "–", "0.20", "nm")),
         (100.00449e-3, 0.000995e-3, None, ("100.0045", "0.0010", "–", "mm")),
         (1e-6, 1e-9, 5e-6, ("1.0", "0.001", "5.0", "µm")),  # u of a fit beside a typed U
-        (1e-6, 1e-40, None, ("1.000", "1.00e−34", "–", "µm")),  # below the digits of the value
+        (1e-6, 1e-40, None, ("1.000", "1e-34", "–", "µm")),  # below the digits of the value
     ],
 )
 def test_page_annex_workbook_and_exchange_file_round_alike(value, u, U, shown):
