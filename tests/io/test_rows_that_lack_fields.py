@@ -81,6 +81,29 @@ def test_what_may_be_damage_is_refused_by_its_line(tmp_path, odd):
         ms.read(put(tmp_path, "x_mm;z_um;temp_C", row))
 
 
+@pytest.mark.parametrize("between", ["", "# means of repeats"])
+@pytest.mark.parametrize("noted", [True, False])
+def test_a_table_below_is_not_read_as_rows_that_lack_a_field(tmp_path, between, noted):
+    """Rows with words behind them, or two short rows of numbers before the line between."""
+    path = put(tmp_path, "x_mm;z_um;note", lambda k: (*full(k)[:2], "ok"))
+    if not noted:
+        path = put(tmp_path, "x_mm;z_um;temp_C", from_row(N - 2))
+    with path.open("a") as stream:
+        stream.write(f"{between}\n100;999\n101;998\n")
+
+    with pytest.raises(ms.errors.ReadError, match=rf"line {N + 3}\b"):
+        ms.read(path)
+
+
+def test_a_last_row_without_its_word_and_its_end_is_cut(tmp_path):
+    path = put(tmp_path, "x_mm;z_um;note", lambda k: (*full(k)[:2], "ok"))
+    with path.open("a") as stream:
+        stream.write("100;99")  # of 100;997;ok
+
+    with pytest.raises(ms.errors.ReadError, match=r"ends in the middle of a row"):
+        ms.read(path)
+
+
 def test_a_comma_within_a_name_is_no_column_more(tmp_path):
     path = put(tmp_path, "Position; X;Deviation", lambda k: full(k)[:2], ",")
 

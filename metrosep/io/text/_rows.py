@@ -499,6 +499,9 @@ class Body:
         every = text.split("\n")
         if every[-1] == "":
             every.pop()
+            last_open = 0
+        else:
+            last_open = first + len(every) - 1 if last else 0  # a line without its end
         rows: list[list[str]] = []
         numbers: list[int] = []
         blanks = " " if dialect.separator == "\t" else None
@@ -547,7 +550,11 @@ class Body:
             if len(fields) >= self._n:
                 self._take_whole()
             elif self._may_lack(
-                number, line, len(fields), numbers[-1] if numbers else self.last_line
+                number,
+                line,
+                len(fields),
+                numbers[-1] if numbers else self.last_line,
+                is_open=number == last_open,
             ):
                 fields = [*fields, *[""] * (self._n - len(fields))]
             if len(fields) < self._n or used > self._n:
@@ -615,16 +622,21 @@ class Body:
         if self._short is not None:
             raise self._wrong_count(*self._short, at_end=False)
 
-    def _may_lack(self, number: int, line: str, n: int, before: int) -> bool:
+    def _may_lack(self, number: int, line: str, n: int, before: int, *, is_open: bool) -> bool:
         """Whether a row may lack its last fields: words, or the same numbers in all rows from there on.
 
-        Behind a line that is no row, shorter rows may be another table, such as means.
+        Behind a line that is no row, shorter rows may be another table, such as means; a line without
+        its end may be cut.
         """
         named = any(len(fields) >= self._n for fields in self._header)
         if not named or self._layout.dialect.separator in {" ", ", "}:
             return False
-        if not (n == self._n - 1 and self._labels[-1]):
-            if self._short is None and self._has_whole and number != before + 1:
+        below = self._has_whole and number != before + 1
+        if n == self._n - 1 and self._labels[-1]:
+            if (below or is_open) and not self._lacking:
+                return False
+        else:
+            if below:
                 return False
             self._short = self._short or (number, line, n)
             self._n_short += 1
