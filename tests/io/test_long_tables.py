@@ -177,3 +177,23 @@ def test_a_number_beyond_all_floats_is_no_such_word(tmp_path, how):
     z[AT] = "1e999"
     with pytest.raises(ms.errors.ReadError, match=rf"line {AT + 2}\b"):
         ms.read(write(tmp_path / "long.txt", how, z=z))
+
+
+@pytest.mark.parametrize(
+    "odd", [None, "2026-03-05 14:0O:00.000", "", "2026-03-05 14:00:00.5", "a, b"]
+)
+def test_stamps_of_one_width_stay_in_their_rows(tmp_path, odd):
+    start = np.datetime64("2026-03-05T14:00:00.000")
+    stamps = [str(start + np.timedelta64(5 * k, "ms")).replace("T", " ") for k in range(N)]
+    if odd is not None:
+        stamps[AT] = odd
+    path = tmp_path / "long.csv"
+    path.write_text("time,z_um\n" + "".join(f"{t},{z}\n" for t, z in zip(stamps, Z, strict=True)))
+
+    if odd is None:
+        found = ms.read(path)
+        assert found.t.tolist() == pytest.approx([0.005 * k for k in range(N)], abs=1e-12)
+        assert found.channels["z_um"].tolist() == [float(z) * 1e-6 for z in Z]
+    else:
+        with pytest.raises(ms.errors.ReadError, match=rf"\b{AT + 2}\b"):
+            ms.read(path)

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
@@ -157,10 +158,13 @@ def columns_of(
         {w for m in missing for w in (m, m.upper(), m.title(), m.replace("nan", "NaN"))}
     )
     unmeasured: Any = {k: words for k, label in enumerate(labels) if not label} if words else None
+    stamps = _stamps(text, mark, labels, n_lines) if any(labels) else None
+    plain = [k for k, label in enumerate(labels) if not label]
     frame = pd.read_csv(
         io.BytesIO(text.encode()),
         header=None,
         sep=r"\s+" if mark == " " else mark,
+        usecols=None if stamps is None else plain,
         decimal=decimal,
         dtype=kinds if any(labels) else np.float64,
         keep_default_na=False,
@@ -171,12 +175,51 @@ def columns_of(
         float_precision="round_trip" if before else None,
     )
     has_blanks = any(labels) and any(b in text for b in _BLANKS)
+    if stamps is not None:
+        stamps |= {k: frame[k].to_numpy(dtype=np.float64) for k in plain}
+        return [stamps[k] for k in range(len(labels))]
     return [
         _texts(frame[k].to_numpy(), has_blanks=has_blanks)
         if label
         else frame[k].to_numpy(dtype=np.float64)
         for k, label in zip(frame.columns, labels, strict=True)
     ]
+
+
+def _stamps(
+    text: str, mark: str, labels: Sequence[bool], n_lines: int
+) -> dict[int, FloatArray | list[str]] | None:
+    """Return the columns of words by their place where each is of one width and differs from row to row, as stamps do.
+
+    Such words are no sooner found by a parser, which looks for those that repeat; None for other columns.
+    """
+    if not text.isascii() or any(b in text for b in _BLANKS.replace(" ", "")) or all(labels):
+        return None
+    octets = np.frombuffer(text.encode(), dtype=np.uint8)
+    at = np.flatnonzero((octets == ord(mark)) | (octets == ord("\n")))
+    if at.size != n_lines * len(labels) or n_lines < len(labels) + _FEW:
+        return None
+    ends = at.reshape(n_lines, len(labels))
+    starts = np.concatenate([[0], at[:-1] + 1]).reshape(ends.shape)
+    found: dict[int, FloatArray | list[str]] = {}
+    for k in np.flatnonzero(labels).tolist():
+        width = int(ends[0, k] - starts[0, k])
+        if width < _FEW or (ends[:, k] - starts[:, k] != width).any():
+            return None
+        fields = sliding_window_view(octets, width)[starts[:, k]]
+        if not (fields[1:_MANY] != fields[: _MANY - 1]).any(axis=1).all() or np.any(
+            (fields[:, 0] == ord(" ")) | (fields[:, -1] == ord(" "))
+        ):
+            return None
+        joined = fields.tobytes().decode()
+        found[k] = [joined[i : i + width] for i in range(0, len(joined), width)]
+    return found
+
+
+_FEW: Final = 8
+"""Characters of the shortest stamp."""
+_MANY: Final = 100
+"""Rows of which each has another stamp than the one above."""
 
 
 _BLANKS = " \t\v\f\u00a0\u2003\u3000"
