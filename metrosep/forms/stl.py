@@ -11,6 +11,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -30,6 +31,9 @@ __all__ = ["GridForm", "MeshForm", "from_triangles"]
 
 _EDGE = 1e-9
 """A point this far outside an edge, as part of the triangle, is on it: no gaps between facets."""
+
+_BESIDE = 1e-3
+"""Of the length of an edge: a crack narrower than that is rounding, not a hole."""
 
 _ENTRIES = 32
 """Most entries of the search grid, per triangle."""
@@ -121,6 +125,36 @@ class MeshForm(Shape):
 
     def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         return self._top(x, y)[0]
+
+    @cached_property
+    def border(self) -> tuple[FloatArray, FloatArray]:
+        """Places where the mesh ends as seen from above, within its outline too, shape (n,), m.
+
+        They are the middles of edges that one triangle has, or at which triangles fold, and beside which a
+        vertical ray meets none.
+        """
+        corners = self.corners
+        _, named = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+        named = named.reshape(-1, 3)
+        ends = np.concatenate([named[:, [0, 1]], named[:, [1, 2]], named[:, [2, 0]]])
+        first, second = (
+            np.concatenate([corners[:, k] for k in order]) for order in ((0, 1, 2), (1, 2, 0))
+        )
+        p, q = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        up = np.tile(np.sign(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]), 3)
+        _, at, of, n = np.unique(
+            np.sort(ends, axis=1),
+            axis=0,
+            return_index=True,
+            return_inverse=True,
+            return_counts=True,
+        )
+        ends_here = at[(n == 1) | (np.abs(np.bincount(of.ravel(), weights=up)) < n)]
+        a, b = first[ends_here, :2], second[ends_here, :2]
+        middle, across = 0.5 * (a + b), _BESIDE * (b - a) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+        empty = [np.isnan(self.height(*(middle + side * across).T)) for side in (1.0, -1.0)]
+        x, y = middle[empty[0] | empty[1]].T
+        return np.ascontiguousarray(x), np.ascontiguousarray(y)
 
     def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         _, facet = self._top(x, y)

@@ -12,6 +12,7 @@ from metrosep.controllers import LatheAxes, check_program, write_program
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError, TooFewSamplesError
 from metrosep.core.surface import Surface
 from metrosep.forms import Expression, GridForm, SineGrid, Sphere, Toric
+from metrosep.forms.stl import from_triangles
 from metrosep.process import (
     AxisLimits,
     RoundNose,
@@ -700,6 +701,10 @@ def test_what_stands_outside_the_rim_keeps_the_nose_off_the_part():
     at = float(re.search(r"azimuth ([\d.]+) degrees", str(found.value))[1])
     assert min(at, 360 - at) < 5
     made(0.85e-3)  # the nose does not reach the wall from there
+    post = text.replace("(r-1.03e-3)", "(0.77e-3-r)")
+    with pytest.raises(LimitError, match=r"in the core.*larger core"):
+        made(1e-3, post)
+    made(1e-3, post.replace("0.77e-3", "0.6e-3"))
     # further out, or lower than the bowl rises under the nose: the nose passes it
     made(1e-3, text.replace("1.03e-3", "1.2e-3"))
     made(1e-3, text.replace("20e-6*(1+0.2*x/r)*(1+tanh((r-1.03e-3)/6e-6))", "1e-6*(1+tanh((r-1.03e-3)/30e-6))"))  # fmt: skip
@@ -723,3 +728,31 @@ def test_a_hemisphere_is_cut_up_to_where_the_edge_leaves_it(radius):
     apart = 2e-3 * 10e-6 / ((2e-3 + SMALL) * np.cos(psi))
     assert off.min() > -1e-13
     assert (off < 1.3 * apart**2 / 8 * (1 / SMALL + 1 / 2e-3) + 1e-12).all()
+
+
+@pytest.mark.parametrize("hole", [True, False])
+@pytest.mark.parametrize("walls", [True, False])
+def test_a_hole_in_a_mesh_is_no_air(hole, walls):
+    """A nose of 0.2 mm would plunge 69 um into a hole of 0.24 mm; with walls and floor it is a pocket."""
+    step = 1e-4
+    at = np.arange(-22, 23)
+    triangles = []
+    for i in at[:-1]:
+        for j in at[:-1]:
+            x, y = np.meshgrid([i * step, (i + 1) * step], [j * step, (j + 1) * step])
+            is_hole = hole and abs(i - 9) < 1.5 and abs(j) < 1.5
+            if is_hole and not walls:
+                continue
+            z = 1e-6 * np.cos(2 * np.pi * x / 4e-3) - (0.0 if not is_hole else 1e-6)
+            p = np.stack([x, y, z], axis=-1)
+            triangles += [[p[0, 0], p[0, 1], p[1, 0]], [p[1, 0], p[0, 1], p[1, 1]]]
+    mesh = from_triangles(np.array(triangles))
+
+    def job():
+        return TurningJob(mesh, 1.8e-3, 20e-6, rpm=60, nose=RoundNose(0.2e-3))
+
+    if not hole or walls:
+        assert job().radius == pytest.approx(1.8e-3, abs=0.0)
+        return
+    with pytest.raises(InvalidSamplesError, match=r"the mesh ends, or has a hole, at rho = 8\d\d"):
+        job()

@@ -12,7 +12,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.units import format_ends, format_length
 from metrosep.forms.base import Form
-from metrosep.forms.stl import GridForm
+from metrosep.forms.stl import GridForm, MeshForm
 from metrosep.process.cutting.programs import AxisCourse, TurningProgram
 
 __all__ = ["checked_travel", "require_no_hole", "require_travel"]
@@ -20,6 +20,8 @@ __all__ = ["checked_travel", "require_no_hole", "require_travel"]
 Travel = tuple[float, float]
 """m: the least and the largest place."""
 _BLOCK = 1 << 18
+_ROUNDED = 1e-6
+"""STL holds floats of four bytes: a mesh that ends at the rim ends this near to it."""
 _KEPT = 1e-12
 """m: a place that far beyond an end is on it."""
 
@@ -39,7 +41,20 @@ def checked_travel(given: object, name: str) -> Travel | None:
 
 
 def require_no_hole(form: Form, core: float, radius: float) -> None:
-    """Refuse a map with a hole in the ring that is to be cut: what lies there is not known, and not air."""
+    """Refuse a map or mesh with a hole in the ring that is to be cut: what lies there is not known, and not air."""
+    if isinstance(form, MeshForm):
+        x, y = form.border
+        rho = np.hypot(x, y)
+        inside = np.flatnonzero(
+            (rho < radius * (1.0 - _ROUNDED)) & (rho > core * (1.0 + _ROUNDED))
+        )
+        if inside.size:
+            at = inside[np.argmin(rho[inside])]
+            raise InvalidSamplesError(
+                f"the mesh ends, or has a hole, at rho = {format_length(float(rho[at]))}, azimuth "
+                f"{math.degrees(math.atan2(y[at], x[at])) % 360.0:.4g} degrees, within the part, and what it does not "
+                "hold is not air: the tool would plunge there. Close the mesh, or end the path before it (core, radius)"
+            )
     for x, y in form.holes() if isinstance(form, GridForm) else ():
         # a missing pixel takes the cells around it along
         step = math.hypot(form.surface.dx or 0.0, form.surface.dy or 0.0)  # type: ignore[attr-defined]

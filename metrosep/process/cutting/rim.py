@@ -52,12 +52,17 @@ def outside_the_rim(form: Form, radius: float, feed: float, edge: Edge, servo: S
     return max(0.0, float(starts.max()) - radius + turns)
 
 
-def _at_rim(form: Form, radius: float, turn: FloatArray, edge: Edge) -> FloatArray:
-    """Return rows X, azimuth and Z of tips that touch at the rim, or nearly where rounding leaves no height there."""
+def _at_rim(
+    form: Form, radius: float, turn: FloatArray, edge: Edge, inwards: float = 1.0
+) -> FloatArray:
+    """Return rows X, azimuth and Z of tips that touch at the rim, or nearly where rounding leaves no height there.
+
+    Of the core what is nearer lies outwards, -1.
+    """
     rows = np.stack(tips_at(form, np.full(turn.size, radius), turn, edge))
     lost = np.flatnonzero(~np.isfinite(rows[2]) | ~np.isfinite(rows[0]))
     if lost.size:
-        near = np.full(lost.size, radius * (1.0 - _ROUNDING))
+        near = np.full(lost.size, radius * (1.0 - inwards * _ROUNDING))
         rows[:, lost] = np.stack(tips_at(form, near, turn[lost], edge))
     return rows
 
@@ -98,31 +103,45 @@ def _touches_outside(form: Form, radius: float, far: float, edge: Edge) -> float
 def fits_in_ring(
     form: Form, nose: RoundNose, sense: Sense | None, core: float, radius: float
 ) -> NoseCheck:
-    """Return whether a nose fits between core and rim, and whether what stands outside lets it reach the rim.
+    """Return whether a nose fits between core and rim, and whether what stands beyond lets it reach both.
 
-    Of all places of the part the rim is nearest to what stands outside: a nose that reaches it there reaches
-    the rest, because the slope of the edge grows outwards.
+    Of all places of the part the rim is nearest to what stands outside, and the core to what stands in it: a
+    nose that reaches them reaches the rest, because the slope of the edge grows outwards.
     """
     found = gouge_check(form, nose, region=(core, radius))
     if not found.ok:
         return found
     edge = replace(Edge.of(nose, sense), profile=None)
+    stands = _kept_off(form, edge, radius, 1.0, ("outside the rim", "rim", "smaller radius"))
+    if stands is None and core > 0.0:
+        stands = _kept_off(
+            form, edge, core, -1.0, ("in the core", "edge of the core", "larger core")
+        )
+    if stands is None:
+        return found
+    left, said = stands
+    return replace(found, ok=False, left=left, messages=(said, *found.messages))
+
+
+def _kept_off(
+    form: Form, edge: Edge, radius: float, side: float, words: tuple[str, str, str]
+) -> tuple[float, str] | None:
+    """Return what stays at a ring where the nose stands on what lies outside (1) or inside it, and the sentence."""
     turn = np.linspace(0.0, 2.0 * math.pi, _AZIMUTHS, endpoint=False)
-    X, azimuth, z = _at_rim(form, radius, turn, edge)
+    X, azimuth, z = _at_rim(form, radius, turn, edge, side)
     known = np.flatnonzero(np.isfinite(z) & (X >= 0.0))
     made = tips(form, X[known], azimuth[known], edge, strict=False)
-    off = np.where(made.rho > radius, made.z - z[known], 0.0)
+    off = np.where(side * (made.rho - radius) > 0.0, made.z - z[known], 0.0)
     worst = np.argsort(-np.nan_to_num(off))[:_LOOKED_AT]
     if not off.size or not off[worst[0]] > _IS_LEFT:
-        return found
+        return None
     left = float(_left_at(form, edge, X[known][worst], radius, turn[known][worst]).max())
     rho, theta = float(made.rho[worst[0]]), math.degrees(float(made.theta[worst[0]])) % 360.0
-    said = (
-        f"the nose stands on the {form.name} outside the rim, at rho = {format_length(rho)}, azimuth {theta:.4g} "
-        f"degrees, and leaves up to {format_length(left)} at the rim of the part; take a smaller radius of the part, "
-        "or a smaller nose"
+    where, at, cure = words
+    return left, (
+        f"the nose stands on the {form.name} {where}, at rho = {format_length(rho)}, azimuth {theta:.4g} degrees, "
+        f"and leaves up to {format_length(left)} at the {at} of the part; take a {cure} of the part, or a smaller nose"
     )
-    return replace(found, ok=False, left=left, messages=(said, *found.messages))
 
 
 def points_before(spiral: SpiralPath, out: float) -> float:
