@@ -251,7 +251,7 @@ class Preamble:
                 raise AmbiguousFormatError(
                     f"{self._file.path}: line {first} ({line[:40]!r}) has {n_names} names, and the rows have {self._n} "
                     "fields: the comma seems to separate the columns and to be their decimal mark too, which cannot "
-                    "be told apart; export it with ';' between the columns, or with a decimal point"
+                    "be distinguished; export it with ';' between the columns, or with a decimal point"
                 )
             every = ",".join(str(n) for n, _ in sorted(odd))
             raise FormatMismatchError(
