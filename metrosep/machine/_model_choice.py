@@ -35,6 +35,8 @@ _WORTH = 10.0
 _CHANCE = 1e-4
 _FEWEST, _MOST = 12, 1000
 """Places of an axis in a set below which no wave is looked for, and waves that are tried."""
+_AT_ONCE = 200
+"""Jumps whose columns are in memory together."""
 _FOLLOWS, _FACTOR = 0.7, 3.0
 """Share of the readings of a set that others foretell but for a factor, and a factor that is none of noise."""
 _LINE = (
@@ -161,7 +163,11 @@ def shapes_left(problem: Problem, system: System, fit: Fit, judged: Collection[i
             # two places on either side at least: one that stands out alone is no jump
             edges = 0.5 * (own[1:-2] + own[2:-1])
             tried += twice.size + edges.size
-            stat, size = _jumps(x[:, None] > edges, rest[stream.rows], system, stream, fit)
+            parts = [
+                _jumps(x[:, None] > some, rest[stream.rows], system, stream, fit)
+                for some in np.split(edges, range(_AT_ONCE, edges.size, _AT_ONCE))
+            ]
+            stat, size = (np.concatenate(v) for v in zip(*parts, strict=True))
             k = int(np.argmax(stat))
             if stat[k] > found.get(label, (0.0, ""))[0]:
                 ends = (float(own[k + 1]), float(own[k + 2]))

@@ -25,8 +25,7 @@ from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_engineering, format_length
 from metrosep.machine._bases import Basis, CurveTerm, UnseenTerm, null_sentences
 from metrosep.machine._drift_noise import Fit, rounding_covariance
-from metrosep.machine._lack_of_fit import lack_of_fit
-from metrosep.machine._left_out import left_out
+from metrosep.machine._lack_of_fit import lack_of_fit, left_out
 from metrosep.machine._model_choice import (
     factors_of_sets,
     lines_left,
