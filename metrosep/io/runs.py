@@ -14,6 +14,7 @@ import shlex
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -179,6 +180,7 @@ def _runs_from(
     history: list[Step] = []
     ledgers: list[Mapping[str, Any]] = []
     warnings: list[str] = []
+    zero: Decimal | None = None  # of the clock, where it counts from a date
     counted = request.sampling_rate is not None
     for file_feed in feeds:
         file, table, format_id = next(sources)
@@ -189,7 +191,7 @@ def _runs_from(
         if not counted:
             table = without_empty_rows(table)
         if clocked.time is not None:
-            table = _from_first_row(file, table, clocked.time)
+            table, zero = _from_first_row(file, table, clocked.time, zero)
         said = (
             *table.warnings,
             *(interruption(table) if clocked.time is None else ()),
@@ -340,14 +342,20 @@ def runs_of(held: list[Source], specs: Mapping[str, Any], *, angles: bool = Fals
     return _runs_from((held.pop() for _ in range(1)), [feed], request)
 
 
-def _from_first_row(file: RawFile, table: Table, time: ColumnSpec) -> Table:
-    """Return the table with a time that counts from a date counted from the first row."""
+def _from_first_row(
+    file: RawFile, table: Table, time: ColumnSpec, zero: Decimal | None
+) -> tuple[Table, Decimal | None]:
+    """Return the table with a time that counts from a date counted from the first row of the first file, and that moment."""
     column, unit = pick(file, table, time, role="time")
     dated = since_first_row(table, column, unit)
-    if dated is None:
-        return table
-    columns = tuple(replace(c, values=dated[0]) if c is column else c for c in table.columns)
-    return replace(table, columns=columns, warnings=(*table.warnings, dated[1]))
+    if dated is None or unit is None:
+        return table, zero
+    since, said, first = dated
+    if zero is not None:
+        since = since + float(first - zero) / unit.factor
+        said = f"{said}, {float(first - zero):g} s behind that of the first file, from which all are counted"
+    columns = tuple(replace(c, values=since) if c is column else c for c in table.columns)
+    return replace(table, columns=columns, warnings=(*table.warnings, said)), zero or first
 
 
 def _other_places(file: RawFile, table: Table, request: _Request) -> Iterator[str]:

@@ -375,3 +375,22 @@ def test_a_row_that_became_a_comment_is_reported_by_its_line(tmp_path, row):
     (warning,) = profile.metadata["warnings"]
     assert f"line {3 + row}" in warning
     assert "omitted as comments" in warning
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_files_whose_clocks_count_from_a_date_keep_their_distance(tmp_path, order):
+    """Seconds since 1970 of two files an hour and 7 us apart: one zero, and no digit lost."""
+    paths = []
+    for k in range(2):
+        rows = [
+            f"{1764417600 + 3600 * k}.{10000 * i + 7 * k:06d};{i};{i * i % 7}" for i in range(50)
+        ]
+        paths.append(tmp_path / f"run{k}.csv")
+        paths[k].write_text("\n".join(["time [s];x_mm;z_nm", *rows]) + "\n")
+
+    runs = ms.read_runs([paths[k] for k in order], x="x_mm", z="z_nm", time="time [s]")
+
+    apart = 3600.000007 * (1 if order == (0, 1) else -1)
+    np.testing.assert_allclose(runs.runs[0].t, np.arange(50) * 0.01, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(runs.runs[1].t, apart + np.arange(50) * 0.01, rtol=0.0, atol=1e-9)
+    assert any("behind that of the first file" in w for w in runs.metadata["warnings"])

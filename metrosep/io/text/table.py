@@ -854,8 +854,8 @@ def to_si(
 
 def since_first_row(
     table: Table, column: Column, unit: Unit | None
-) -> tuple[FloatArray, str] | None:
-    """Return a time that counts from a date as counts from its first row, and the sentence that says so.
+) -> tuple[FloatArray, str, Decimal] | None:
+    """Return a time that counts from a date as counts from its first row, the sentence that says so, and that row's count in s.
 
     A float of seconds since 1970 holds 0.24 us.
     """
@@ -870,10 +870,11 @@ def since_first_row(
             f"{unit.name}; leave its unit out, or write them as yyyy-mm-dd hh:mm:ss"
         )
     since, first = table.since_first(column)
-    return since, (
+    said = (
         f"column {column.name!r} counts from a date; its time is given from the first row, which is at {first} "
         f"{unit.name}"
     )
+    return since, said, Decimal(first) * Decimal(repr(unit.factor))
 
 
 def sensitivity(scale: float | str | None) -> float | None:
