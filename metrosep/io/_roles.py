@@ -57,9 +57,15 @@ def role_of(name: str) -> Role | None:
     if found == {"run", "index"}:
         return "run"  # Run No., Messung Nr.
     if "index" in found and len(found) == 2 and unit is None:
-        return "index"  # Pos.-Nr., Reading no.
+        # Pos.-Nr., Reading no.; an encoder counter is read
+        return None if _COUNTED.intersection(map(_plain, words)) else "index"
     return found.pop() if len(found) == 1 else None
 
+
+_COUNTED: Final = frozenset(
+    map(_plain, ["count", "counts", "counter", "zähler", "compteur", "contatore", "contador"])
+)
+"""Words of an index that beside another word name what an encoder or a detector gives."""
 
 _SENSED: Final = (
     "displacement distance travel déplacement spostamento distanza desplazamiento distancia "

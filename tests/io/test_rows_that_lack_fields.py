@@ -140,3 +140,18 @@ def test_labels_of_rows_that_lack_them_are_empty(tmp_path):
 
     assert [len(r) for r in runs] == [20, 20]
     assert any("fewer fields" in w for w in runs.metadata["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("name", "is_read"), [("encoder counter", True), ("count", False), ("Reading no.", False)]
+)
+def test_a_counter_that_is_measured_is_a_channel(tmp_path, name, is_read):
+    path = put(tmp_path, f"t_s;{name};z_um", lambda k: (X[k], k + 5, Z[k]))
+
+    assert (name in ms.read(path).channels) is is_read
+
+
+def test_a_count_of_rows_that_is_asked_for_with_its_unit_is_read(tmp_path):
+    path = put(tmp_path, "sample;z_um", lambda k: (k + 5, Z[k]))
+
+    assert ms.read(path, x="sample:um", z="z_um").x[-1] == pytest.approx((N + 4) * 1e-6, abs=1e-15)

@@ -236,7 +236,9 @@ def _is_stacked(labels: tuple[str, ...], different: tuple[str, ...]) -> bool:
 def _without_counter(table: Table, *, given: Sequence[ColumnSpec | None]) -> Table:
     """Return the table without a column that numbers its rows, unless the caller names it."""
     unnamed, named = table.header.get("unnamed", ()), table.header.get("named", True)
-    asked = {header_unit(g if isinstance(g, str) else g[0])[0].casefold() for g in given if g}
+    texts = [g if isinstance(g, str) else g[0] for g in given if g]
+    texts += [g.rpartition(":")[0] for g in texts]  # sample:um
+    asked = {header_unit(g)[0].casefold() for g in texts}
     counters = [
         c
         for c in table.numbers
