@@ -299,16 +299,16 @@ def judge_psd(spectrum: MaskedPsd, limit: PsdLimit) -> PsdVerdict:
     parallel lines of a map hang together, so their number adds none. Bands beyond what the
     measurement reaches are inconclusive. Where a falling spectrum was taken from heights, bands of
     fewer than 8 waves across the outline read high, which a note says. Of what the part holds in its
-    holes, on a share s of the window's square, nothing is known: closed they hold no short waves, left
-    out they spread a strong wave over all others, and 1 - s of it is left. A band is accepted if it also
-    is with its mean over 1 - s: what is missing accepts no part.
+    holes, on a share s of the window's square, nothing is known: left out, 1 - s of it is left; closed,
+    short waves hold less, down to (1 - 2 s)^2 where the waves are shortest (`MaskedPsd.left`). A band is
+    accepted if it also is with its mean over the least of this: what is missing accepts no part.
     """
     names = ("x", "y")
     results = []
-    for psd, length, lowest, name in zip(
-        spectrum.one_sided, spectrum.lengths, spectrum.lowest, names, strict=False
+    for psd, length, lowest, left, name in zip(
+        spectrum.one_sided, spectrum.lengths, spectrum.lowest, spectrum.left, names, strict=False
     ):
-        bands, notes = _bands(psd, length, lowest, limit, spectrum.lost_share)
+        bands, notes = _bands(psd, length, lowest, limit, left)
         outcome = worst([b.verdict for b in bands]) or "inconclusive"
         if notes and outcome == "accept":
             outcome = "inconclusive"
@@ -340,7 +340,7 @@ def _reads_high(long: int, n: int) -> str:
 
 
 def _bands(
-    psd: Psd, length: float, lowest: float, limit: PsdLimit, lost: float
+    psd: Psd, length: float, lowest: float, limit: PsdLimit, left: FloatArray
 ) -> tuple[tuple[BandResult, ...], list[str]]:
     f, P = psd.frequency, psd.density
     low, high = 1.0 / limit.longest, 1.0 / limit.shortest
@@ -371,7 +371,8 @@ def _bands(
         scale = 1.0 if limit.rms is not None else width
         more, less = _factors(independent)
         verdict: Verdict = "inconclusive"
-        if square * more <= allowed * (1.0 - lost):
+        here = left[(f > a - f[1]) & (f < b + f[1])]
+        if square * more <= allowed * float(here.min()):
             verdict = "accept"
         elif square * less > allowed:
             verdict = "reject"
