@@ -9,7 +9,8 @@ the slopes, whose own spectrum falls by f^2 less, and divided by what the differ
 Holes are left out of the window where the spectrum falls no faster than 1/f: exact for a white one, which
 no height drawn over a hole can be. Elsewhere their sharp edges would spread the long waves over all
 others. Small ones are then closed by the harmonic function (Laplace's equation, the measured pixels
-around as boundary), which takes power from short waves; large ones, which would lose long waves as well,
+around as boundary), which takes power from short waves and puts some there;
+how much is seen where known pixels are closed; large ones, which would lose long waves as well,
 are left out of the window of the slopes, whose spectrum falls less. Of a spectrum that falls only beyond
 the longest waves the frequencies are closed at which the edges would leak more than a small share.
 """
@@ -44,11 +45,12 @@ _SMALL = 50
 5 % of the truth for f^-2 to f^-4, of smaller ones the closed and of larger ones the open are nearer."""
 _LEAK = 0.05
 """Of the density: where the edges of holes add more, they are closed; at f^-1 both ways differ by this."""
-_NEAR, _NEAR_LINE = 25, 129
-"""Frequencies along each axis, padded, over which a density is smoothed to see that: of a map about 80
-independent ones, so that the mean of the logarithms scatters by 0.14; an eighth of all at most."""
-_MORE = 1.5
-"""Times what would be added to a white density: of 0.14 nearly three standard deviations."""
+_NEAR, _NEAR_LINE = ((25, 1.5), (7, 4.0)), ((129, 1.5), (17, 4.0))
+"""Frequencies along each axis, padded, over which a density is smoothed to see that, an eighth of all at
+most; and how many times it must be what would be added to a white density. The logarithm of the mean of
+about 80 independent ones scatters by 0.14, of 6 by 0.5: both are nearly three standard deviations."""
+_SHIFTS = 3
+"""Of the holes, by which it is seen what closing them puts where: the largest counts, as one scatters."""
 _FALLS = 1.0
 """Exponent of 1/f from which the slopes are taken: at f^-1 both ways are within 5 % of the truth."""
 
@@ -78,6 +80,8 @@ class MaskedPsd:
     left : tuple of ndarray
         Share of the density along each that is left at least: of a closed hole the waves shorter than a
         few widths lose up to four times its share of the window's square.
+    added : tuple of ndarray, m^3
+        Density along each that closing may have put there: what closing as many known pixels does.
     holes : {"omitted", "closed", "closed up to 50 pixels", "closed where their edges would leak"}
         What became of them; larger ones were omitted, and so were all at other frequencies.
     estimate : {"heights", "slopes"}
@@ -95,6 +99,7 @@ class MaskedPsd:
     filled_share: float
     lost_share: float
     left: tuple[FloatArray, ...]
+    added: tuple[FloatArray, ...]
     holes: str
     estimate: Literal["heights", "slopes"]
     reads_high: bool
@@ -257,15 +262,32 @@ def masked_psd(
     }
     history = (*obj.history, Step("masked_psd", facts))
     found = _spectrum(power, w * measured, steps, history, is_map=is_map)
+    wrong = np.zeros(power.shape)
+    if n_filled and leaks.any():
+        errors = _errors(z, outline, known & ~measured, measured, whole, steps)
+        for error, scale in errors:
+            if taken == "slopes":
+                one, _ = _of_slopes(error, outline, outline, steps, is_map=is_map)
+            else:
+                one = _of_heights(error, whole, steps, is_map=is_map)
+            wrong = np.maximum(wrong, scale * one)
+        wrong = np.where(leaks, wrong if errors else power, 0.0)
+    added = _spectrum(wrong, w * measured, steps, history, is_map=is_map)["one_sided"]
     left = []
+    of_open = 1.0 - float((whole**2)[~known & outline].sum() / (whole**2).sum())
     for axis, one in zip((1, 0) if is_map else (1,), found["one_sided"], strict=True):
         least = _left(one.frequency, whole**2, outline & known & ~measured, steps, axis)
-        of_open = 1.0 - float((whole**2)[~known & outline].sum() / (whole**2).sum())
-        at = np.asarray(leaks.any(axis=1 - axis))[: least.size]
-        left.append(np.minimum(1.0 - lost, np.where(at, least * of_open, 1.0)))
+        least = np.maximum(np.minimum(1.0 - lost, least * of_open), np.finfo(float).tiny)
+        read, whole_read = (
+            v.sum(axis=1 - axis)[: least.size] for v in (np.where(leaks, power, 0.0), power)
+        )
+        of_closed = read / np.maximum(whole_read, np.finfo(float).tiny)
+        of_rest = (1.0 - of_closed) / max(1.0 - lost, np.finfo(float).tiny)
+        left.append(1.0 / (of_closed / least + of_rest))
     return MaskedPsd(
         **found,
         left=tuple(left),
+        added=tuple(one.density for one in added),
         filled_share=share,
         lost_share=lost,
         holes=holes,
@@ -465,15 +487,51 @@ def _leaks(power: FloatArray, w: FloatArray, whole: FloatArray) -> NDArray[np.bo
     q = float((w.sum() / whole.sum()) ** 2 * (whole**2).sum() / (w * w).sum())
     seen = full > 1e-6
     rest = np.where(seen, open_ / np.where(seen, full, 1.0) - q, 0.0)
-    wide = _NEAR if min(power.shape) > 1 else _NEAR_LINE
-    sizes = [max(1, min(wide, n // 8)) for n in power.shape]
-    spread = fft.fft2(fft.ifft2(power) * rest).real
-    spread = ndimage.uniform_filter(spread, sizes, mode="wrap")  # a wide hole spreads to few only
+    every = fft.fft2(fft.ifft2(power) * rest).real
     # the mean of the logarithm of chi-square with 2 degrees of freedom; one strong wave hides no floor
-    level = np.log(np.maximum(power, np.finfo(float).tiny))
-    near = np.exp(ndimage.uniform_filter(level, sizes, mode="wrap") + np.euler_gamma)
-    moved = (1.0 - q) * near  # what a white density loses and gets back
-    return np.asarray((spread - moved > _LEAK * near) & (spread > _MORE * moved))
+    level = np.log(np.maximum(power, np.finfo(float).tiny)) + np.euler_gamma
+    found = np.zeros(power.shape, dtype=bool)
+    for wide, more in _NEAR if min(power.shape) > 1 else _NEAR_LINE:
+        sizes = [max(1, min(wide, n // 8)) for n in power.shape]
+        near = np.exp(ndimage.uniform_filter(level, sizes, mode="wrap"))
+        spread = ndimage.uniform_filter(
+            every, sizes, mode="wrap"
+        )  # a wide hole spreads to few only
+        moved = (1.0 - q) * near  # what a white density loses and gets back
+        found |= (spread - moved > _LEAK * near) & (spread > more * moved)
+    return found
+
+
+def _errors(
+    z: FloatArray,
+    outline: NDArray[np.bool_],
+    closed: NDArray[np.bool_],
+    measured: NDArray[np.bool_],
+    whole: FloatArray,
+    steps: tuple[float, float],
+) -> list[tuple[FloatArray, float]]:
+    """Return what is wrong where holes of the same shape elsewhere are closed, and the weight of the real ones.
+
+    Elsewhere are the shifts by quarters of the map that put most of the window's square on known pixels.
+    """
+    from scipy import ndimage
+
+    n_y, n_x = z.shape
+    square = whole**2
+    around = ndimage.generate_binary_structure(2, 1) if n_y > 1 else np.ones((1, 3), dtype=bool)
+    free = measured & ndimage.binary_erosion(
+        outline, around
+    )  # what is closed has known neighbours
+    shifts = {(j * n_y // 4, i * n_x // 4) for j in range(4) for i in range(4)} - {(0, 0)}
+    weights = {s: float(square[np.roll(closed, s, (0, 1)) & free].sum()) for s in shifts}
+    best = sorted((s for s in shifts if weights[s] > 0.0), key=lambda s: (-weights[s], s))
+    full = _closed(z, outline, measured, steps)
+    found = []
+    for shift in best[:_SHIFTS]:
+        moved = np.roll(closed, shift, (0, 1)) & free
+        error = _closed(z, outline, measured & ~moved, steps) - full
+        found.append((error, float(square[closed].sum()) / weights[shift]))
+    return found
 
 
 def _left(
