@@ -299,7 +299,7 @@ def judge_psd(spectrum: MaskedPsd, limit: PsdLimit) -> PsdVerdict:
     parallel lines of a map hang together, so their number adds none. Bands beyond what the
     measurement reaches are inconclusive. Where a falling spectrum was taken from heights, bands of
     fewer than 8 waves across the outline read high, which a note says. Of what the part holds in its
-    holes, on a share s of the window's square, nothing is known: left out, 1 - s of it is left; closed,
+    holes, on a share s of the window's square, nothing is known: omitted, 1 - s of it is left; closed,
     short waves hold less, down to (1 - 2 s)^2 where the waves are shortest (`MaskedPsd.left`). A band is
     accepted if it also is with its mean over the least of this: what is missing accepts no part. What
     closing may have put there (`MaskedPsd.added`) rejects none: it is taken off first, at its upper 5 %.
