@@ -87,6 +87,19 @@ def expanding_factor(dof: float) -> float:
 
 def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int) -> Estimate:
     """Return the covariance of p parameters from what a fit left, m, shape of the points' z."""
+    if (
+        np.ptp(points.x) == 0.0 and np.ptp(points.y) > 0.0
+    ):  # a line along y is a line: the rest looks for one along x
+        turn = not points.is_scattered
+        points = Points(
+            points.y,
+            points.x,
+            points.z.T if turn else points.z,
+            points.centre,
+            points.is_scattered,
+        )
+        residual = residual.T if turn else residual
+        return estimated(points, lambda x, y, z: linearise(y, x, z), residual, p)
     with one_blas_thread(), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         if points.is_scattered:
             return _scattered(points, linearise, residual, p)

@@ -128,8 +128,8 @@ def fit(
     points = points_of(obj, centre=centre, middle=form.has_centre)
     lines = () if points.is_scattered else (("x", points.x.size), ("y", points.y.size))
     same = "".join(name for name, n in lines if n == 1)
-    if isinstance(form, Polynomial) and same == "y":
-        form = form.for_profile()
+    if isinstance(form, Polynomial) and same:
+        form = form.for_profile() if same == "y" else form.for_column()
     form, freedoms = choose_freedoms(form, free, {} if fixed is None else fixed, same=same)
     with one_blas_thread():
         answer, placed, n_iterations, freedoms = find(

@@ -79,6 +79,7 @@ class Polynomial(LinearForm):
     name = "polynomial"
     has_centre = False
     is_everywhere = True
+    _is_of_y = False
 
     def __init__(
         self,
@@ -208,8 +209,30 @@ class Polynomial(LinearForm):
             self.degree, basis=self.basis_name, variables=1, centre=centre, half_width=width
         )
 
-    def _copy(self, values: Any, centre: Any, half_width: Any) -> Polynomial:
-        return Polynomial(
+    def for_column(self) -> Polynomial:
+        """Return the terms in y alone, for a map of one column, their coefficients not known.
+
+        Returns
+        -------
+        Polynomial
+            The form itself if it has one variable, or a coefficient is known.
+        """
+        if self.variables == 1 or any(v is not None for v in self._values):
+            return self
+        return self._copy(None, self.centre, self.half_width, of_y=True)
+
+    def _of_y(self) -> None:
+        """Leave out what holds x, in place."""
+        kept = [k for k, (i, _) in enumerate(self.terms) if i == 0]
+        for name in ("terms", "names", "_values"):
+            every = getattr(self, name)
+            setattr(self, name, tuple(every[k] for k in kept))
+        self._is_of_y = True
+
+    def _copy(
+        self, values: Any, centre: Any, half_width: Any, *, of_y: bool = False
+    ) -> Polynomial:
+        copy = Polynomial(
             self.degree,
             kind=self.kind,
             basis=self.basis_name,
@@ -218,6 +241,9 @@ class Polynomial(LinearForm):
             centre=centre,
             half_width=None if self.basis_name == "power" else half_width,
         )
+        if of_y or self._is_of_y:
+            copy._of_y()
+        return copy
 
     def _scaled(self, x: FloatArray, y: FloatArray) -> list[FloatArray]:
         if self.centre is None or self.half_width is None:
@@ -302,6 +328,8 @@ class Polynomial(LinearForm):
     ) -> LinearFit:
         if self.variables == 1:
             raise DataError("a map needs a polynomial of two variables; this one has one")
+        if self._is_of_y:
+            return self.fit_map(x, y, z, weights=weights)[0]
         return self._fitted(*fit_grid(x, y, z, self.degree, self.kind, weights=weights))
 
     def fit_list(
@@ -315,6 +343,8 @@ class Polynomial(LinearForm):
         else:
             raw = fit_points(xs, ys, zs, self.terms, weights=weights)
         twin = Polynomial(self.degree, kind=self.kind, basis="legendre", variables=self.variables)
+        if self._is_of_y:
+            twin._of_y()
         scaled = twin._fitted(*raw).form  # another instance of this class
         return self._fitted(*raw), zs - scaled.height(xs, ys)
 
@@ -323,6 +353,11 @@ class Polynomial(LinearForm):
     ) -> tuple[LinearFit, FloatArray]:
         if self.variables == 1:
             raise DataError("a map needs a polynomial of two variables; this one has one")
+        if self._is_of_y:
+            v, u = np.meshgrid(y, x, indexing="ij")
+            flat = None if weights is None else np.ravel(weights)
+            fit, left = self.fit_list(u.ravel(), v.ravel(), np.ravel(z), weights=flat)
+            return fit, left.reshape(u.shape)
         raw, residual = remove_map(x, y, z, self.degree, self.kind, weights=weights)
         return self._fitted(*raw), residual
 

@@ -299,16 +299,17 @@ def judge_psd(spectrum: MaskedPsd, limit: PsdLimit) -> PsdVerdict:
     parallel lines of a map hang together, so their number adds none. Bands beyond what the
     measurement reaches are inconclusive. Where a falling spectrum was taken from heights, bands of
     fewer than 8 waves across the outline read high, which a note says. Of what the part holds in its
-    holes, on a share s of the window's square, nothing is known: closed they hold no short waves, left
-    out they spread a strong wave over all others, and 1 - s of it is left. A band is accepted if it also
-    is with its mean over 1 - s: what is missing accepts no part.
+    holes, on a share s of the window's square, nothing is known: omitted, 1 - s of it is left; closed,
+    short waves hold less, down to (1 - 2 s)^2 where the waves are shortest (`MaskedPsd.left`). A band is
+    accepted if it also is with its mean over the least of this: what is missing accepts no part. What
+    closing may have put there (`MaskedPsd.added`) rejects none: it is taken off first, at its upper 5 %.
     """
     names = ("x", "y")
     results = []
-    for psd, length, lowest, name in zip(
-        spectrum.one_sided, spectrum.lengths, spectrum.lowest, names, strict=False
+    for k, (psd, length, lowest, name) in enumerate(
+        zip(spectrum.one_sided, spectrum.lengths, spectrum.lowest, names, strict=False)
     ):
-        bands, notes = _bands(psd, length, lowest, limit, spectrum.lost_share)
+        bands, notes = _bands(psd, length, lowest, limit, spectrum.left[k], spectrum.added[k])
         outcome = worst([b.verdict for b in bands]) or "inconclusive"
         if notes and outcome == "accept":
             outcome = "inconclusive"
@@ -321,7 +322,7 @@ def judge_psd(spectrum: MaskedPsd, limit: PsdLimit) -> PsdVerdict:
         holes = (
             f"{100 * spectrum.filled_share:.3g} % of the outline were holes, with "
             f"{100 * spectrum.lost_share:.3g} % of the window's square, and were {spectrum.holes}; what they "
-            "may have held counts against accepting"
+            "may have held counts against accepting, and what closing may have added against rejecting"
         )
         chosen = PsdVerdict(
             limit, chosen.bands, chosen.direction, chosen.verdict, chosen.spectrum,
@@ -340,7 +341,12 @@ def _reads_high(long: int, n: int) -> str:
 
 
 def _bands(
-    psd: Psd, length: float, lowest: float, limit: PsdLimit, lost: float
+    psd: Psd,
+    length: float,
+    lowest: float,
+    limit: PsdLimit,
+    left: FloatArray,
+    added: FloatArray,
 ) -> tuple[tuple[BandResult, ...], list[str]]:
     f, P = psd.frequency, psd.density
     low, high = 1.0 / limit.longest, 1.0 / limit.shortest
@@ -371,9 +377,10 @@ def _bands(
         scale = 1.0 if limit.rms is not None else width
         more, less = _factors(independent)
         verdict: Verdict = "inconclusive"
-        if square * more <= allowed * (1.0 - lost):
+        here = left[(f > a - f[1]) & (f < b + f[1])]
+        if square * more <= allowed * float(here.min()):
             verdict = "accept"
-        elif square * less > allowed:
+        elif square * less - _in_band(f, added, a, b, length)[0] * more > allowed:
             verdict = "reject"
         found.append(BandResult(a, b, square / scale, allowed / scale, independent, verdict))
     return tuple(found), notes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep import Surface
-from metrosep.forms import fit
+from metrosep.forms import Polynomial, fit
 
 STEP, NM = 1e-5, 1e-9
 
@@ -23,3 +23,38 @@ def test_a_map_of_a_few_rows_has_the_u_of_its_white_noise(rows, turned):
         )  # of some seeds more: a long spectrum may be likely
         assert abs(found.params[key]) < 4.0 * found.u[key]
     assert found.u["piston"] > 0.8 * NM / np.sqrt(z.size)
+
+
+def walk(seed=4):
+    """A walk of heights, which hang together: of this one a row has too few independent values for u."""
+    return np.cumsum(np.random.default_rng(seed).normal(size=300)) * NM
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_one_column_has_the_u_of_one_row(seed):
+    z = walk(seed)
+    row, column = (fit(Surface(v, STEP, STEP), "plane") for v in (z[None], z[:, None]))
+    assert column.params["tilt_y"] == pytest.approx(row.params["tilt_x"], rel=1e-9, abs=0.0)
+    assert column.u["tilt_y"] == pytest.approx(row.u["tilt_x"], rel=1e-9, abs=0.0, nan_ok=True)
+    assert column.u["piston"] == pytest.approx(row.u["piston"], rel=1e-9, abs=0.0, nan_ok=True)
+
+
+@pytest.mark.parametrize("robust", [None, "tukey"])
+@pytest.mark.parametrize("basis", ["power", "legendre", "chebyshev"])
+def test_one_column_has_the_polynomial_of_one_row(basis, robust):
+    """Truth: numpy's polynomial of the heights, of which some are missing."""
+    z = walk(3)
+    z[40:55] = np.nan
+    row, column = (
+        fit(Surface(v, STEP, STEP, origin=(STEP, STEP)), Polynomial(3, basis=basis), robust=robust)
+        for v in (z[None], z[:, None])
+    )
+    rest = column.residual.z[:, 0]
+    assert np.nanmax(np.abs(rest - row.residual.z[0])) < 1e-6 * NM
+    assert [*column.params.values()] == pytest.approx([*row.params.values()], rel=1e-6, abs=0.0)
+    assert all("_0_" in name for name in column.params)  # of y alone
+    assert [*column.u.values()] == pytest.approx([*row.u.values()], rel=1e-6, abs=0.0)
+    if robust is None:
+        t, good = np.arange(300.0), ~np.isnan(z)
+        truth = np.polynomial.Polynomial.fit(t[good], z[good], 3)
+        assert np.nanmax(np.abs(rest - (z - truth(t)))) < 1e-6 * NM
