@@ -220,7 +220,12 @@ case(
     z=[v * 1e-6 for v in W],
 )
 # 26 R write.table
-case("r.txt", '"x_mm" "z_um"\n"1" 0 0.5\n"2" 0.1 -1.25\n"3" 0.2 0.75\n"4" 0.3 2\n', error="names")
+case(
+    "r.txt",
+    '"x_mm" "z_um"\n"1" 0 0.5\n"2" 0.1 -1.25\n"3" 0.2 0.75\n"4" 0.3 2\n',
+    x=[0, 1e-4, 2e-4, 3e-4],
+    z=[v * 1e-6 for v in W],
+)
 # 27 feeds
 case(
     "rpm.csv",

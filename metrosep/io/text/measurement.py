@@ -30,7 +30,7 @@ from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, likely_meaning, parse_unit
 from metrosep.io._roles import is_read_too, role_of, runs_in, targets_in
 from metrosep.io.objects import SI_NAMES, make_surface, scaled, to_grid
-from metrosep.io.own_notes import header_notes
+from metrosep.io.own_notes import header_notes, is_marked
 from metrosep.io.several_runs import BLOCKS, FoundRuns, SeveralRunsError, table_advice
 from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
 from metrosep.io.text.dialect import header_unit, is_other_unit
@@ -234,11 +234,11 @@ def _is_stacked(labels: tuple[str, ...], different: tuple[str, ...]) -> bool:
 
 
 def _without_counter(table: Table, *, given: Sequence[ColumnSpec | None]) -> Table:
-    """Return the table without a column that numbers its rows, unless the caller names it."""
+    """Return the table without a column that numbers its rows, unless the caller or metrosep itself names it."""
     unnamed, named = table.header.get("unnamed", ()), table.header.get("named", True)
+    named = named and not any(map(is_marked, table.header.get("comments", ())))
     texts = [g if isinstance(g, str) else g[0] for g in given if g]
-    texts += [g.rpartition(":")[0] for g in texts]  # sample:um
-    asked = {header_unit(g)[0].casefold() for g in texts}
+    asked = {header_unit(t)[0].casefold() for g in texts for t in (g, g.rpartition(":")[0])}
     counters = [
         c
         for c in table.numbers
