@@ -33,7 +33,7 @@ CASES = {
     ),
     "cut-off.dat": (
         WHOLE[:-25],
-        {"error": "CorruptFileError", "match": "field line 7, expected 2 numbers, found 1"},
+        {"error": "CorruptFileError", "match": "line 7, expected 2 numbers, found 1"},
     ),
     "turns-back.dat": (
         contour([*POINTS, (0.3, 1.0)]),

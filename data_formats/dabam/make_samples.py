@@ -63,7 +63,7 @@ PAIRS = {
     "ragged": (
         TWO,
         columns(HEIGHTS[:2]) + "0\t-3\n",
-        {"error": "CorruptFileError", "match": "field line 4, expected 3 numbers, found 2"},
+        {"error": "CorruptFileError", "match": "line 4, expected 3 numbers, found 2"},
     ),
 }
 ALONE = {

@@ -46,7 +46,7 @@ CASES = {
     ),
     "ragged.txt": (
         export(RAGGED),
-        {"error": "CorruptFileError", "match": "field line 6, expected 3 numbers, found 2"},
+        {"error": "CorruptFileError", "match": "line 6, expected 3 numbers, found 2"},
     ),
 }
 

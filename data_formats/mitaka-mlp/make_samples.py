@@ -135,7 +135,7 @@ CASES = {
     ),
     "cut-off.csv": (
         PLAIN[:-20],
-        {"error": "CorruptFileError", "match": "field line 28, expected 3 numbers, found 1"},
+        {"error": "CorruptFileError", "match": "line 28, expected 3 numbers, found 1"},
     ),
 }
 

@@ -83,7 +83,7 @@ ALONE = {
     "contradiction.dsc": (
         WHOLE.replace("XY vector : 2", "XY vector : 3"),
         "CorruptFileError",
-        "contradict each other, field line 16",
+        "contradict each other, line 16",
     ),
     "month.dsc": (WHOLE.replace("01-Jan", "01-Jen"), "CorruptFileError", "'01-Jen-2025 00:00:26'"),
 }

@@ -22,7 +22,7 @@ def test_pins_of_hal_are_recorded_in_their_order_and_with_their_sign(tmp_path):
     shutil.copy(HAL, home)
     command = ["halrun", "-f", str(home / HAL.name)]
     if os.getuid() == 0:
-        for folder in (home, *home.parents[:3]):
+        for folder in (home, *home.parents[:4]):
             folder.chmod(0o755)
         shutil.chown(home, USER)
         command = ["runuser", "-u", USER, "--", "env", f"HOME={home}", *command]
