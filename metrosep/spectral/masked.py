@@ -9,10 +9,10 @@ the slopes, whose own spectrum falls by f^2 less, and divided by what the differ
 Holes are left out of the window where the spectrum falls no faster than 1/f: exact for a white one, which
 no height drawn over a hole can be. Elsewhere their sharp edges would spread the long waves over all
 others. Small ones are then closed by the harmonic function (Laplace's equation, the measured pixels
-around as boundary), which takes power from short waves and puts some there;
-how much is seen where known pixels are closed; large ones, which would lose long waves as well,
-are left out of the window of the slopes, whose spectrum falls less. Of a spectrum that falls only beyond
-the longest waves the frequencies are closed at which the edges would leak more than a small share.
+around as boundary), which takes power from short waves and puts some there; how much is seen where known
+pixels are closed. Large ones, which would lose long waves as well, are left out of the window of the
+slopes, whose spectrum falls less. Of a spectrum that falls only beyond the longest waves the frequencies
+are closed at which the edges would leak more than a small share.
 """
 
 from __future__ import annotations
@@ -236,6 +236,7 @@ def masked_psd(
     taken: Literal["heights", "slopes"] = "heights"
     known = outline
     leaks: NDArray[np.bool_] = np.full(power.shape, falls)
+    closed = z
     if estimate == "slopes" or (estimate == "auto" and detrend != "mean" and falls):
         taken = "slopes"
         closed = _closed(z, outline, measured, steps)
@@ -243,15 +244,17 @@ def masked_psd(
         power, w = _of_slopes(closed, outline, known, steps, is_map=is_map)
         leaks[:] = True
     elif n_filled:
-        closed = _of_heights(_closed(z, outline, measured, steps), whole, steps, is_map=is_map)
-        leaks = leaks if falls else _leaks(closed, w, whole)
-        power = np.where(leaks, closed, power)
+        closed = _closed(z, outline, measured, steps)
+        of_closed = _of_heights(closed, whole, steps, is_map=is_map)
+        leaks = leaks if falls else _leaks(of_closed, w, whole)
+        power = np.where(leaks, of_closed, power)
     holes = "omitted" if not leaks.any() else "closed"
     if leaks.any() and not leaks.all():
         holes = "closed where their edges would leak"
     if taken == "slopes" and not known[outline].all():
         holes = f"closed up to {_SMALL} pixels"
-    lost = 1.0 - float((whole**2)[measured].sum() / (whole**2).sum())
+    square = whole**2
+    lost = 1.0 - float(square[measured].sum() / square.sum())
     facts = {
         "detrend": detrend,
         "filled_share": share,
@@ -262,9 +265,10 @@ def masked_psd(
     }
     history = (*obj.history, Step("masked_psd", facts))
     found = _spectrum(power, w * measured, steps, history, is_map=is_map)
+    filled = outline & known & ~measured
     wrong = np.zeros(power.shape)
     if n_filled and leaks.any():
-        errors = _errors(z, outline, known & ~measured, measured, whole, steps)
+        errors = _errors(z, closed, outline, filled, measured, square, steps)
         for error, scale in errors:
             if taken == "slopes":
                 one, _ = _of_slopes(error, outline, outline, steps, is_map=is_map)
@@ -273,17 +277,11 @@ def masked_psd(
             wrong = np.maximum(wrong, scale * one)
         wrong = np.where(leaks, wrong if errors else power, 0.0)
     added = _spectrum(wrong, w * measured, steps, history, is_map=is_map)["one_sided"]
+    of_open = 1.0 - float(square[~known & outline].sum() / square.sum())
     left = []
-    of_open = 1.0 - float((whole**2)[~known & outline].sum() / (whole**2).sum())
     for axis, one in zip((1, 0) if is_map else (1,), found["one_sided"], strict=True):
-        least = _left(one.frequency, whole**2, outline & known & ~measured, steps, axis)
-        least = np.maximum(np.minimum(1.0 - lost, least * of_open), np.finfo(float).tiny)
-        read, whole_read = (
-            v.sum(axis=1 - axis)[: least.size] for v in (np.where(leaks, power, 0.0), power)
-        )
-        of_closed = read / np.maximum(whole_read, np.finfo(float).tiny)
-        of_rest = (1.0 - of_closed) / max(1.0 - lost, np.finfo(float).tiny)
-        left.append(1.0 / (of_closed / least + of_rest))
+        least = of_open * _left(one.frequency, square, filled, steps, axis)
+        left.append(_mixed(np.minimum(1.0 - lost, least), 1.0 - lost, power, leaks, axis))
     return MaskedPsd(
         **found,
         left=tuple(left),
@@ -504,10 +502,11 @@ def _leaks(power: FloatArray, w: FloatArray, whole: FloatArray) -> NDArray[np.bo
 
 def _errors(
     z: FloatArray,
+    closed: FloatArray,
     outline: NDArray[np.bool_],
-    closed: NDArray[np.bool_],
+    filled: NDArray[np.bool_],
     measured: NDArray[np.bool_],
-    whole: FloatArray,
+    square: FloatArray,
     steps: tuple[float, float],
 ) -> list[tuple[FloatArray, float]]:
     """Return what is wrong where holes of the same shape elsewhere are closed, and the weight of the real ones.
@@ -517,20 +516,18 @@ def _errors(
     from scipy import ndimage
 
     n_y, n_x = z.shape
-    square = whole**2
     around = ndimage.generate_binary_structure(2, 1) if n_y > 1 else np.ones((1, 3), dtype=bool)
     free = measured & ndimage.binary_erosion(
         outline, around
     )  # what is closed has known neighbours
     shifts = {(j * n_y // 4, i * n_x // 4) for j in range(4) for i in range(4)} - {(0, 0)}
-    weights = {s: float(square[np.roll(closed, s, (0, 1)) & free].sum()) for s in shifts}
+    weights = {s: float(square[np.roll(filled, s, (0, 1)) & free].sum()) for s in shifts}
     best = sorted((s for s in shifts if weights[s] > 0.0), key=lambda s: (-weights[s], s))
-    full = _closed(z, outline, measured, steps)
     found = []
     for shift in best[:_SHIFTS]:
-        moved = np.roll(closed, shift, (0, 1)) & free
-        error = _closed(z, outline, measured & ~moved, steps) - full
-        found.append((error, float(square[closed].sum()) / weights[shift]))
+        moved = np.roll(filled, shift, (0, 1)) & free
+        error = _closed(z, outline, measured & ~moved, steps) - closed
+        found.append((error, float(square[filled].sum()) / weights[shift]))
     return found
 
 
@@ -563,6 +560,18 @@ def _left(
         c = along * np.cos(np.pi * np.minimum(1.0, f * (n + 1) * steps[axis])) - (1.0 - along)
         gone += shares[n] * (1.0 - (np.maximum(c, -1.0 / n) if along == 1.0 else c))
     return np.asarray(np.maximum(1.0 - gone, 0.0) ** 2)
+
+
+def _mixed(
+    closed: FloatArray, open_: float, power: FloatArray, leaks: NDArray[np.bool_], axis: int
+) -> FloatArray:
+    """Return the share that is left along an axis, from those where holes are closed and where they are not."""
+    tiny = np.finfo(float).tiny
+    read, every = (
+        v.sum(axis=1 - axis)[: closed.size] for v in (np.where(leaks, power, 0.0), power)
+    )
+    part = read / np.maximum(every, tiny)
+    return np.asarray(1.0 / (part / np.maximum(closed, tiny) + (1.0 - part) / max(open_, tiny)))
 
 
 def _padded(shape: tuple[int, ...]) -> tuple[int, ...]:
