@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.conftest import STEP, N
-from browser.test_work import printed, settled
+from browser.test_work import choose, printed, settled
 
 from metrosep.recipe.recipe import without_view_block
 
@@ -34,7 +34,11 @@ class Hand:
 
     def __init__(self, page: Any) -> None:
         self.page = page
-        left, top, width, height = page.box("#map canvas")
+        self.look()
+
+    def look(self) -> None:
+        """See where the map is: it makes room for a list that grows, and for the bar of a tool."""
+        left, top, width, height = self.page.box("#map canvas")
         self.middle = (left + width / 2, top + height / 2)
         # all of the map is shown, with 24 pixels to spare: from the first to beyond the last pixel
         self.scale = N * STEP / (min(width, height) - 24)
@@ -42,6 +46,7 @@ class Hand:
 
     def at(self, x: float, y: float) -> Place:
         """Return where a place of the map is on the screen; y points up."""
+        self.look()
         half = (N - 1) / 2 * STEP
         return (
             self.middle[0] + (x - half) / self.scale,
@@ -324,21 +329,15 @@ def test_what_menus_choose_gives_the_bytes_of_metrosep_run(opened: Opened, map_f
     """Crop, filter and form from menus, a typed field, the order by buttons, a step switched off."""
     page = opened(map_file)
 
-    def choose(selector: str, value: str) -> None:
-        page.run(
-            f"(() => {{ const e = document.querySelector('{selector}'); e.value = '{value}';"
-            "e.dispatchEvent(new Event('change')); })()"
-        )
-
-    settled(page, lambda: choose("#add-step", "crop"))
+    settled(page, lambda: choose(page, "#add-step", "crop"))
     crop = Hand(page).data()["step"][1]
     assert (crop["op"], crop["aperture"]["shape"]) == ("mask", "rectangle")
     assert "outside" not in crop
     assert metres(crop["aperture"]["width"]) == metres(crop["aperture"]["height"])
     settled(page, lambda: page.click('[aria-label="Move step 2 up"]'))
-    settled(page, lambda: choose("#add-step", "filter"))
-    settled(page, lambda: choose(".editor [data-key=kind]", "spline"))
-    settled(page, lambda: choose("#add-step", "outliers"))
+    settled(page, lambda: choose(page, "#add-step", "filter"))
+    settled(page, lambda: choose(page, ".editor [data-key=kind]", "spline"))
+    settled(page, lambda: choose(page, "#add-step", "outliers"))
     settled(page, lambda: page.click('[aria-label="Step 3, outliers: on"]'))
     page.click('[data-step="3"] .pick')
     settled(page, lambda: page.click("[data-form=sphere]"))

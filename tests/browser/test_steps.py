@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser.test_work import settled
+from browser.test_work import choose, settled
 
 pytestmark = pytest.mark.browser
 
@@ -72,22 +72,16 @@ def test_another_kind_of_filter_takes_the_length_over_and_drops_the_rest(
 ) -> None:
     page = opened(map_file)
 
-    def choose(selector: str, value: str) -> None:
-        page.run(
-            f"(() => {{ const e = document.querySelector('{selector}'); e.value = '{value}';"
-            "e.dispatchEvent(new Event('change')); })()"
-        )
-
-    settled(page, lambda: choose("#add-step", "filter"))
+    settled(page, lambda: choose(page, "#add-step", "filter"))
     first = step(page, 1)
     assert first["op"] == "filter"
     shown = page.run(
         "[...document.querySelectorAll('.editor [data-key]')].map((e) => e.dataset.key)"
     )
     assert "radius" not in shown  # of a closing
-    settled(page, lambda: choose(".editor [data-key=kind]", "spline"))
+    settled(page, lambda: choose(page, ".editor [data-key=kind]", "spline"))
     assert step(page, 1) == {"op": "filter", "kind": "spline", "cutoff": first["lambda_c"]}
-    settled(page, lambda: choose(".editor [data-key=kind]", "closing"))
+    settled(page, lambda: choose(page, ".editor [data-key=kind]", "closing"))
     assert step(page, 1) == {"op": "filter", "kind": "closing", "radius": first["lambda_c"]}
     page.run("document.activeElement.blur()")
     settled(page, lambda: page.press("z"))

@@ -21,6 +21,14 @@ PREFIXES = {"p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0}
 Opened = Callable[..., Any]
 
 
+def choose(page: Any, selector: str, value: str) -> None:
+    """Set the value of a control, as a hand that picks it does."""
+    page.run(
+        f"(() => {{ const e = document.querySelector('{selector}'); e.value = '{value}';"
+        "e.dispatchEvent(new Event('change')); })()"
+    )
+
+
 def settled(page: Any, act: Callable[[], Any]) -> None:
     """Do something that edits the recipe, and wait for the full resolution of what it gives."""
     before = page.run("document.body.dataset.full ?? ''")
