@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from browser.test_access import profile_file
+from browser.test_runs import EXAMPLE
+from browser.test_zoom import RUNS, turn
 
 pytestmark = pytest.mark.browser
 
@@ -194,4 +198,52 @@ def test_the_way_back_holds_cursors_panels_and_splits(opened: Opened, map_file: 
         page.run(
             "document.querySelectorAll('[data-split]').forEach((e) => e.dispatchEvent(new MouseEvent('dblclick')))"
         )
+    assert page.errors == []
+
+
+def test_the_way_back_of_runs_holds_zoom_curves_and_tab(opened: Opened, tmp_path: Path) -> None:
+    for name in ("recipe.toml", "runs_y.csv"):
+        shutil.copy(EXAMPLE / name, tmp_path / name)
+    page = opened(tmp_path / "recipe.toml", RUNS)
+
+    def alt(key: str) -> None:
+        page.run("document.activeElement.blur()")
+        page.press(key, alt=True)
+
+    zoomed = "document.querySelector('#run-curves .readout').textContent.includes('double click')"
+    shown = "document.querySelector('#panel-runs input[type=radio]:checked').value"
+    time.sleep(0.8)
+    first = page.run(shown)
+    turn(page, "#run-curves", 0.5)
+    page.wait(zoomed)
+    time.sleep(0.8)
+    page.run("document.querySelector('#panel-runs input[type=radio]:not(:checked)').click()")
+    second = page.run(shown)
+    time.sleep(0.8)
+    page.click("#tab-report")
+    time.sleep(0.8)
+    alt("ArrowLeft")
+    page.wait("document.body.dataset.tab === 'runs'")
+    assert page.run(shown) == second != first
+    alt("ArrowLeft")
+    page.wait(f"{shown} === {first!r}")
+    assert page.run(zoomed)
+    alt("ArrowLeft")
+    page.wait(f"!({zoomed})")
+    for _ in range(3):
+        alt("ArrowRight")
+    page.wait("document.body.dataset.tab === 'report'")
+    assert page.errors == []
+
+
+def test_the_way_back_of_a_profile_holds_which_one_is_shown(opened: Opened, tmp_path: Path) -> None:
+    page = opened(profile_file(tmp_path))
+    time.sleep(0.8)
+    page.run("document.querySelector('input[name=shown][value=measured]').click()")
+    time.sleep(0.8)
+    page.run("document.activeElement.blur()")
+    page.press("ArrowLeft", alt=True)
+    page.wait("document.querySelector('input[name=shown][value=residual]').checked")
+    page.press("ArrowRight", alt=True)
+    page.wait("document.querySelector('input[name=shown][value=measured]').checked")
     assert page.errors == []

@@ -109,12 +109,13 @@ const splits = makeSplits(document.querySelectorAll("[data-split]"));
 /** What is looked at, and the way back to it. */
 const seen = makeHistory(() => {
   const view = session.kind ? views.looked() : null;
-  return view && { tab: tabs.chosen, stage: tree.chosen, splits: splits.get(), view };
-}, ({ tab, stage, view, splits: was }) => {
+  return view && { tab: tabs.chosen, stage: tree.chosen, splits: splits.get(), view, own: tabs.looked() };
+}, ({ tab, stage, view, own, splits: was }) => {
   splits.put(was);
   tree.go(stage);
   drawStage();
   if (tab !== tabs.chosen) tabs.choose(tab);
+  tabs.look(own);
   views.look(view);
 });
 

@@ -70,6 +70,7 @@ export function makeLooks({ map, section, spectrum, profile, heights, waves }, {
   return {
     /** null while there is no picture yet. @returns {Dict | null} */
     looked() {
+      if (!["map", "profile"].includes(kind())) return { part: part() };
       if (!ready()) return null;
       if (kind() === "profile") return { ...both(), window: profile.get("window"), measured: profile.get("shown") };
       const view = map.get("view");
@@ -78,10 +79,11 @@ export function makeLooks({ map, section, spectrum, profile, heights, waves }, {
     },
     /** @param {Dict} was */
     look(was) {
+      if (was.part !== part()) /** @type {HTMLElement} */ (document.querySelector(`#parts [data-part="${was.part}"]`)).click();
+      if (!("lower" in was)) return;
       choice().value = was.lower;
       spectrum.put({ band: was.band });
       heights.put({ at: was.at });
-      if (was.part !== part()) /** @type {HTMLElement} */ (document.querySelector(`#parts [data-part="${was.part}"]`)).click();
       if (kind() === "profile") {
         profile.put({ window: was.window, shown: was.measured });
         /** @type {HTMLInputElement} */ (document.querySelector(`input[name=shown][value="${was.measured}"]`)).checked = true;
