@@ -236,7 +236,9 @@ def test_the_way_back_of_runs_holds_zoom_curves_and_tab(opened: Opened, tmp_path
     assert page.errors == []
 
 
-def test_the_way_back_of_a_profile_holds_which_one_is_shown(opened: Opened, tmp_path: Path) -> None:
+def test_the_way_back_of_a_profile_holds_which_one_is_shown(
+    opened: Opened, tmp_path: Path
+) -> None:
     page = opened(profile_file(tmp_path))
     time.sleep(0.8)
     page.run("document.querySelector('input[name=shown][value=measured]').click()")
