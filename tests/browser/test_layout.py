@@ -249,3 +249,17 @@ def test_the_way_back_of_a_profile_holds_which_one_is_shown(
     page.press("ArrowRight", alt=True)
     page.wait("document.querySelector('input[name=shown][value=measured]').checked")
     assert page.errors == []
+
+
+def test_the_colour_bar_lies_below_a_map_that_is_narrow(opened: Opened, map_file: Path) -> None:
+    page = opened(map_file)
+    for width, is_below in [(1366, False), (1024, False), (720, True), (700, True)]:
+        page.show(width, 700)
+        page.run("new Promise((done) => setTimeout(done, 200))")
+        left, top, wide, high = where(page)
+        bar = where(page, "#colourbar")
+        assert (bar[1] >= top + high - 1.0) == is_below, width
+        assert (bar[0] >= left + wide - 1.0) != is_below, width
+        assert (
+            page.run("document.querySelector('#colourbar').classList.contains('flat')") == is_below
+        )

@@ -24,6 +24,7 @@ import { make as makeRanking } from "./tab_ranking.js";
 import { make as makeReport } from "./tab_report.js";
 import { make as makeRuns } from "./tab_runs.js";
 import { make as makeTable } from "./tab_table.js";
+import { makePending } from "./pending.js";
 import { makeSplits } from "./splits.js";
 import { makeTabs } from "./tabs.js";
 import { makeTree } from "./tree.js";
@@ -44,9 +45,7 @@ if (address.searchParams.has("token")) history.replaceState(null, "", "/");
 let session = { recipe: null, steps: [], files: [], kind: null, messages: [] };
 /** @type {Dict[]} */
 let schema = [];
-let version = "";
-let notes = /** @type {string[]} */ ([]);
-let started = 0;
+let [version, notes, started] = ["", /** @type {string[]} */ ([]), 0];
 
 const wire = new Wire(`ws://${location.host}/ws?token=${encodeURIComponent(token)}`);
 const ladder = makeLadder(show, stop);
@@ -73,6 +72,7 @@ const drawing = makeDrawing({
   shown: (a, b) => (views.map.set("a", a), views.map.set("b", b), views.map.save_changes()),
 });
 
+const pending = makePending(edit, () => session.hash, alertText);
 const { save, exportResult } = makeExports({ wire, status: el("status-link"), session: () => session, take, fail });
 
 const follow = makeFollow(el("follow"), wire, (paths) => open(paths, true, false), fail);
@@ -220,15 +220,16 @@ const shownStep = () => (session.steps ?? [])[tree.chosen] ?? (tree.chosen === -
 
 // ---- what is done ------------------------------------------------------------------------------
 
-async function edit(/** @type {import("./recipe.js").Edit[]} */ edits, /** @type {string} */ label) {
+async function edit(/** @type {import("./recipe.js").Edit[]} */ edits, /** @type {string} */ label, isAgain = false) {
   if (!edits.length) return;
+  const of = session.hash;
   try {
     // Edits never replace each other: each has its own slot.
     const { header } = await wire.ask("edit", { edits, label }, `edit ${wire.next}`);
     clearAlerts();
     take(header.session);
   } catch (error) {
-    failUnmade(error);
+    failUnmade(error, !isAgain && pending.keep(error, edits, label, of) ? "this change was not made, and is sent again when the connection is back" : undefined);
     tree.show(session, schema); // what was typed and refused goes back
     metrics.show(session);
   }
@@ -290,6 +291,7 @@ async function hello() {
     version = header.version;
     const other = String(header.session.files) !== String(session.files);
     take(header.session, other);
+    pending.again();
   } catch (error) {
     fail(error);
   }
@@ -325,8 +327,7 @@ document.addEventListener("visibilitychange", () => {
   if (!document.hidden && wire.connected) hello(); // another tab may have edited
 });
 
-for (const name of COLOUR_NAMES) el("colours").add(new Option(name, name));
-el("colours").value = views.map.get("colours");
+for (const name of COLOUR_NAMES) el("colours").add(new Option(name, name, false, name === views.map.get("colours")));
 el("colours").addEventListener("change", () => views.colours(el("colours").value));
 el("shade").addEventListener("change", () => views.shade(el("shade").checked));
 const acts = {
@@ -346,5 +347,4 @@ listenToKeys({
   el(["panel-steps", ...shown, "panel-metrics", "status"][panel - 1])?.focus();
 }, (event) => session.kind === "map" && tabs.chosen === "view" && drawing.key(event));
 listenToDrops((files) => receive(files));
-setInterval(drawSaved, 5000), makeLengths(el("lengths"));
-wire.connect();
+setInterval(drawSaved, 5000), makeLengths(el("lengths")), wire.connect();
