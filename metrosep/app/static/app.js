@@ -43,9 +43,7 @@ if (address.searchParams.has("token")) history.replaceState(null, "", "/");
 
 /** @type {Dict} */
 let session = { recipe: null, steps: [], files: [], kind: null, messages: [] };
-/** @type {Dict[]} */
-let schema = [];
-let [version, notes, started] = ["", /** @type {string[]} */ ([]), 0];
+let [schema, version, notes, started] = [/** @type {Dict[]} */ ([]), "", /** @type {string[]} */ ([]), 0];
 
 const wire = new Wire(`ws://${location.host}/ws?token=${encodeURIComponent(token)}`);
 const ladder = makeLadder(show, stop);
@@ -311,6 +309,7 @@ wire.onNews = (header) => {
     if (header.error.ask) open(header.paths ?? [header.error.ask.path]);
     else alertText(header.error.message);
   } else if (header.k === "session") {
+    if (header.session.hash !== session.hash) clearAlerts(); // another page put right what this one said
     take(header.session, String(header.session.files) !== String(session.files));
   } else if (header.k === "saved") {
     session = { ...session, saved_at: header.saved_at, keeping: header.keeping, messages: header.messages };
