@@ -24,9 +24,9 @@ from metrosep.separation.runs.noise import (
     fit_noise,
     level_spread,
 )
-from metrosep.separation.runs.posterior import Model, RunEquations, averaged
+from metrosep.separation.runs.posterior import Model, RunEquations, Wave, averaged
 from metrosep.separation.runs.sensor import lag_score
-from metrosep.separation.runs.waves import find_slip
+from metrosep.separation.runs.waves import _scores, find_slip
 
 DT, SPEEDS, SIZES, K = 0.004, (80.0, 120.0, 160.0), (76, 51, 39), 6
 DIGITS = 1e-6
@@ -60,7 +60,7 @@ def model(noise):
         basis = extension.basis(x)
         basis[:, 0] = 0.0
         table = np.column_stack([basis, z - z.mean(), np.ones(x.size)])
-        rows = exact_rows(table, noise, [slice(0, x.size)])
+        rows = exact_rows([table], noise, [slice(0, x.size)])
         a, y, o = rows[:, :-2], rows[:, -2], rows[:, -1]
         oo = float(o @ o)
         equations.append(
@@ -85,7 +85,7 @@ def model(noise):
 
 def test_whitening_is_exact_from_the_first_sample(noise):
     z = reading(0)[1][:60]
-    white = exact_rows(z[:, None], noise, [slice(0, 60)])[:, 0]
+    white = exact_rows([z[:, None]], noise, [slice(0, 60)])[:, 0]
     # the autocovariance of the model, by its innovations form, and its Cholesky factor
     size, lead = 60, 4000
     response = np.zeros(lead)
@@ -279,6 +279,38 @@ def test_equations_of_a_slipping_run_that_have_no_factor_are_refused(model):
 
     with pytest.raises(DegenerateFitError, match="do not determine"):
         model.take([broken, *model.runs[1:]])
+
+
+@pytest.mark.parametrize("n_extra", [0, 2])
+def test_the_score_of_a_wave_is_by_how_much_two_free_columns_lessen_the_sum_of_squares(n_extra):
+    rng = np.random.default_rng(5)
+    ext = Extension(0.0, 24.0, K)
+    n, rows = 1 + 2 * K, 40
+    a, y = rng.standard_normal((rows, n + n_extra)), rng.standard_normal(rows)
+    a[:, n:] += 2.0 * a[:, 1 : 1 + n_extra]  # a drift looks like the longest waves
+    model = Model(ext, Spectrum(K), n_extra=n_extra, extra_precision=np.full(n_extra, 0.3))
+    model.waves.append(Wave(0.13, ext.wave(0.13), 0.7))
+    model.kept = 4
+    own = RunEquations(a.T @ a, y @ a, np.zeros(n + n_extra), 0.0, 1.0, 80.0, 0, 24.0)
+    model.take([own])
+    pairs = np.hstack([ext.wave(0.07), ext.wave(0.2)])
+
+    k = np.arange(4)
+    used = np.concatenate([[0], 1 + k, 1 + K + k, n + np.arange(n_extra)])
+    seen = np.hstack([a[:, used], a[:, :n] @ model.waves[0].columns])
+    prior = np.sqrt(model.precision())
+
+    def least_squares(*more):
+        free = np.hstack([np.empty((rows, 0)), *more])
+        table = np.block([[seen, free], [np.diag(prior), np.zeros((prior.size, free.shape[1]))]])
+        side = np.concatenate([y, np.zeros(prior.size)])
+        rest = side - table @ np.linalg.lstsq(table, side, rcond=None)[0]
+        return rest @ rest
+
+    found = _scores(model, pairs, model.total[0][:, :n] @ pairs)
+    expected = [least_squares() - least_squares(a[:, :n] @ pairs[:, i : i + 2]) for i in (0, 2)]
+    assert found == pytest.approx(expected, abs=1e-8)
+    assert min(expected) > 1e-3
 
 
 def test_runs_that_agree_have_no_slip(model):

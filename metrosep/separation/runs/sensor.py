@@ -118,11 +118,11 @@ def lag_score(model: Model) -> LagScore | None:
 
 def lag_steps(model: Model, *, sure: bool = False) -> None:
     """Correct lag and spread by Gauss-Newton steps, the spectrum learnt between them (eq. 21)."""
-    first = lag_score(model)
-    if first is None or (first.u > LAG_PRIOR and not sure):
+    at = lag_score(model)
+    if at is None or (at.u > LAG_PRIOR and not sure):
         return
-    for _ in range(_STEPS):
-        at = lag_score(model)
+    for i in range(_STEPS):
+        at = lag_score(model) if i else at
         if at is None:
             return
         step = np.linalg.solve(at.information, at.gradient)
