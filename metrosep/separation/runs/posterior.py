@@ -25,7 +25,7 @@ from metrosep.separation.runs.geometry import (
 )
 from metrosep.separation.runs.noise import level_spread
 
-__all__ = ["Answer", "Model", "Posterior", "RunEquations", "Wave", "averaged"]
+__all__ = ["PLACED", "Answer", "Model", "Posterior", "RunEquations", "Wave", "averaged"]
 
 _DONE = 0.03
 """A learning ends when no knot of ln s^2 moves by more."""
@@ -35,6 +35,9 @@ _CAP = 4.0
 
 _REPEATS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Amplitudes that repeat, over that which slips, where a wave slips: as likely before."""
+
+PLACED = (np.zeros(1), np.ones(1))
+"""Variances of a lag, and their chances, where no run is displaced."""
 
 SHIFT_SHARE = 0.25
 """Prior standard deviation of a correction of a wavenumber, over one per travel."""
@@ -202,7 +205,8 @@ class Model:
     by_speed: list[RunEquations] = field(default_factory=list)
     total: tuple[FloatArray, FloatArray] = field(default_factory=lambda: (np.empty(0),) * 2)
     post: Posterior | None = None
-    lag_variance: float = 0.0  # s^2: of a lag, because the runs are displaced, each by its own
+    # s^2: variances of a lag because the runs are displaced, each by its own; and their chances
+    lag_variances: tuple[FloatArray, FloatArray] = PLACED
     _seen: list[RunEquations] | None = None
     # the equations of which `post` is the solution
     _solved: _Equations | None = None
@@ -212,6 +216,12 @@ class Model:
     def __post_init__(self) -> None:
         self.slip = np.zeros(self.extension.n)
         self.kept = self.extension.n
+
+    @property
+    def lag_variance(self) -> float:
+        """Variance of a lag because the runs are displaced, s^2."""
+        variances, chances = self.lag_variances
+        return float(chances @ variances)
 
     # ---- equations -------------------------------------------------------------------------
 
