@@ -197,8 +197,7 @@ def _followed(places: Places, file: Path) -> list[_Entry]:
     """Return the entry of one file, its folder unread; none where it is gone or leads outside."""
     with suppress(OSError):
         facts = file.stat()
-        inside = not file.is_symlink() or places.inside(str(file)) is not None
-        if inside and stat.S_ISREG(facts.st_mode):
+        if places.inside(str(file)) is not None and stat.S_ISREG(facts.st_mode):
             return [_Entry(file, is_folder=False, size=facts.st_size, seconds=facts.st_mtime)]
     return []
 

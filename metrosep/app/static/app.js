@@ -24,6 +24,7 @@ import { make as makeRanking } from "./tab_ranking.js";
 import { make as makeReport } from "./tab_report.js";
 import { make as makeRuns } from "./tab_runs.js";
 import { make as makeTable } from "./tab_table.js";
+import { makeSplits } from "./splits.js";
 import { makeTabs } from "./tabs.js";
 import { makeTree } from "./tree.js";
 import { makeViews } from "./views.js";
@@ -103,17 +104,19 @@ const tabs = makeTabs(el("tabs"), [
   },
 });
 
+const splits = makeSplits(document.querySelectorAll("[data-split]"));
+
 /** What is looked at, and the way back to it. */
 const seen = makeHistory(() => {
   const view = session.kind ? views.looked() : null;
-  return view && { tab: tabs.chosen, stage: tree.chosen, view };
-}, ({ tab, stage, view }) => {
+  return view && { tab: tabs.chosen, stage: tree.chosen, splits: splits.get(), view, own: tabs.looked() };
+}, ({ tab, stage, view, own, splits: was }) => {
+  splits.put(was);
   tree.go(stage);
   drawStage();
   if (tab !== tabs.chosen) tabs.choose(tab);
+  tabs.look(own);
   views.look(view);
-  el("shade").checked = view.shade ?? el("shade").checked;
-  if (view.colours) el("colours").value = view.colours;
 });
 
 function fail(/** @type {unknown} */ error) {
@@ -326,9 +329,6 @@ for (const name of COLOUR_NAMES) el("colours").add(new Option(name, name));
 el("colours").value = views.map.get("colours");
 el("colours").addEventListener("change", () => views.colours(el("colours").value));
 el("shade").addEventListener("change", () => views.shade(el("shade").checked));
-for (const one of document.querySelectorAll("input[name=shown]")) {
-  one.addEventListener("change", () => views.profile.put({ shown: /** @type {HTMLInputElement} */ (one).value }));
-}
 const acts = {
   open: choose, "open-empty": choose, undo: () => again("undo"), redo: () => again("redo"), save, export: exportResult,
   recipe: () => showText("Recipe", session.recipe ?? ""), help: () => showHelp(KEYS, version),

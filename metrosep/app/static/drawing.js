@@ -308,7 +308,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
     const shape = current();
     const had = /** @type {HTMLElement | null} */ (document.activeElement)?.dataset?.shape;
     list.replaceChildren(...shapes().map((one) => chipOf(one, one.index % MOST_LINES, one.id === chosen, choose)), ...(shape ? fieldsOf(shape, change) : []), ...(shape?.table.kind === "circle" ? [fitButton(() => fitAperture(shape))] : []));
-    list.hidden = !list.childElementCount;
+    if (!list.childElementCount) list.append(Object.assign(document.createElement("span"), { className: "soft", textContent: "What you draw is listed here, with its values." }));
     if (had) /** @type {HTMLElement | null} */ (list.querySelector(`[data-shape="${had}"]`))?.focus();
   }
 
