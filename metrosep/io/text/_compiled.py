@@ -58,7 +58,7 @@ def may_hold_comments(text: str, mark: str) -> bool:
 def words_in(text: str, words: Iterable[str]) -> set[str]:
     """Return those of some words, in lower case, that may be fields of a text: a parser compares each field with all.
 
-    A word that is left out by mistake would be refused as a number, so nothing is lost.
+    A word that is missing here would be refused as a number, so nothing is lost.
     """
     octets = np.frombuffer(text.lower().encode("utf-8", "surrogatepass"), dtype=np.uint8)
     letters = set(octets.tobytes().translate(None, _OF_NUMBERS))
