@@ -309,6 +309,15 @@ def test_places_that_a_lag_or_their_u_explain_are_no_displacement(shift, feeds):
     assert np.sqrt(found.of_lag) < 0.15e-3  # of 0.25 ms that u makes
 
 
+def test_places_that_are_not_seen_widen_nothing():
+    """u of 30 mm: any scatter is as likely as none, as with one run at each feedrate."""
+    found = scored(np.random.default_rng(6).normal(0.0, 30.0, 6), 30.0)
+
+    assert found.probability == pytest.approx(0.5, abs=0.01)
+    assert np.sqrt(found.of_mean) < 0.02e-3  # of 12 mm
+    assert np.sqrt(found.of_lag) < 0.5e-3
+
+
 def test_a_lag_is_no_scatter_of_places_and_is_corrected(tmp_path):
     lag_ms = 2.0
     result = without_offsets(tmp_path, lag_ms * 1e-3 * np.array(FEEDS), 7)
