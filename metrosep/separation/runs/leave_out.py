@@ -105,10 +105,10 @@ def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
     variance = np.array([s.u_shift for s in scores]) ** 2
     speed = np.array([run.velocity for run in model.runs])
     feed = np.array([run.feed for run in model.runs])
-    # One run that is far off and named for it is no scatter of all.
+    # One run that is far off, or of another sign or gain, is named for it: its place is no scatter of all.
     kept = np.ones(len(scores), dtype=bool)
     odd = suspicion(scores)
-    if odd is not None and odd[1].startswith(DISPLACED):
+    if odd is not None:
         kept[odd[0]] = False
     groups = [kept & (feed == f) for f in np.unique(feed) if (kept & (feed == f)).sum() > 1]
     if not groups:
