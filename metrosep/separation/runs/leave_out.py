@@ -105,10 +105,10 @@ def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
     variance = np.array([s.u_shift for s in scores]) ** 2
     speed = np.array([run.velocity for run in model.runs])
     feed = np.array([run.feed for run in model.runs])
-    # One run that is far off and named for it is no scatter of all.
+    # One run that is far off, or of another sign or gain, is named for it: its place is no scatter of all.
     kept = np.ones(len(scores), dtype=bool)
     odd = suspicion(scores)
-    if odd is not None and odd[1].startswith(DISPLACED):
+    if odd is not None:
         kept[odd[0]] = False
     groups = [kept & (feed == f) for f in np.unique(feed) if (kept & (feed == f)).sum() > 1]
     if not groups:
@@ -127,10 +127,12 @@ def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
 
     sizes = np.append(0.0, _DISPLACED)
     logs = np.array([log_likelihood(sd) for sd in sizes])
-    chances = np.exp(logs - logs.max())
-    chances[1:] /= _DISPLACED.size
-    chances /= chances.sum()
-    probability = float(chances[1:].sum())
+    likely = np.exp(logs - logs.max())
+    whole = float(likely[0] + likely[1:].mean())
+    # What is no likelier than the largest size is not known from the readings, and does not count:
+    # of places that hardly show the mean variance would be that of the largest.
+    known = np.maximum(likely[1:] - likely[-1], 0.0) / _DISPLACED.size / whole
+    chances = np.append(1.0 - known.sum(), known)
     # Of few runs the sd is known badly: what is held is the mean variance, and the lag keeps them all.
     held = float(chances @ sizes**2)
     weight = 1.0 / variance
@@ -138,8 +140,8 @@ def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
     along = float(weight @ away**2)
     of_one = float((weight * away) @ (weight * away)) / along**2 if along > 0.0 else 0.0
     return Displacement(
-        math.sqrt(held / probability) if probability > 0.0 else 0.0,
-        probability,
+        math.sqrt(held / max(float(known.sum()), 1e-300)),
+        1.0 - float(likely[0]) / whole,
         of_mean=held * float(weight @ weight) / float(weight.sum()) ** 2,
         lags=(of_one * sizes**2, chances),
     )

@@ -108,6 +108,23 @@ def _check_factor(info: int) -> None:
         )
 
 
+_BLOCK = 96
+"""Rows of a triangle that are inverted at once; that of the library takes half as long again."""
+
+
+def _inverse(lower: FloatArray) -> FloatArray:
+    """Return the inverse of a lower triangle, in its place: block columns, the last one first."""
+    from scipy.linalg.lapack import dtrtri
+
+    for first in reversed(range(0, len(lower), _BLOCK)):
+        own = slice(first, first + _BLOCK)
+        rest = slice(first + _BLOCK, None)
+        corner = dtrtri(lower[own, own], lower=1)[0]
+        lower[rest, own] = -lower[rest, rest] @ (lower[rest, own] @ corner)
+        lower[own, own] = corner
+    return lower
+
+
 @dataclass(slots=True, eq=False)
 class Wave:
     """One wave of free wavelength: its columns, its variance, and what its wavelength may do."""
@@ -343,7 +360,7 @@ class Model:
         waves: FloatArray,
     ) -> Posterior:
         """Return the posterior of equations under a prior, of coordinates in use and waves."""
-        from scipy.linalg.lapack import dpotrf, dtrtri
+        from scipy.linalg.lapack import dpotrf
 
         n = used.size
         matrix = np.empty((precision.size, precision.size))
@@ -362,7 +379,7 @@ class Model:
         factor, info = dpotrf(matrix.T, lower=1, clean=1, overwrite_a=1)
         _check_factor(info)
         logs = 2.0 * float(np.log(np.diag(factor)).sum())
-        root = dtrtri(factor, lower=1, overwrite_c=1)[0].T
+        root = _inverse(factor).T
         mean = root @ (root.T @ side)
         evidence = 0.5 * (float(side @ mean) - logs + float(np.log(precision).sum()))
         return Posterior(mean, used, waves, root, evidence)
