@@ -625,7 +625,7 @@ def _by_value(file: RawFile, table: Table, column: Column) -> Iterator[tuple[str
 def _texts(column: Column) -> tuple[str, ...]:
     """Return each entry as text; whole numbers without a decimal point."""
     if column.labels is not None:
-        return column.labels
+        return tuple(column.labels)
     values = () if column.values is None else column.values.tolist()
     return tuple("" if math.isnan(v) else _as_text(v) for v in values)
 

@@ -30,6 +30,7 @@ from metrosep.io.declared import Match
 from metrosep.io.own_notes import is_marked
 from metrosep.io.registry import BuiltIn, demand, sniffer
 from metrosep.io.source import HEAD_BYTES, RawFile
+from metrosep.io.text._compiled import Stamps
 from metrosep.io.text.dialect import (
     NO_READING,
     Layout,
@@ -308,8 +309,10 @@ class TextSource:
             yield {n: rest[:, k].copy() for n, k in zip(names, where, strict=True)}
 
 
-def _moment_texts(texts: Any) -> list[str]:
+def _moment_texts(texts: Any) -> Sequence[str]:
     """Return the entries of a column of moments, empty where a word says that there is none."""
+    if isinstance(texts, Stamps) and texts.begin_with_digits():
+        return texts
     return ["" if t.lower() in NO_READING else t.strip('"') for t in map(str, texts)]
 
 

@@ -223,7 +223,7 @@ def _omitted(table: Table) -> Iterator[str]:
 _NUMBER_AND_UNIT = re.compile(r"[+\-\u2212]?[\d.,]+(?:[eE][+-]?\d+)?\s*[^\W\d]\D*")
 
 
-def _is_stacked(labels: tuple[str, ...], different: tuple[str, ...]) -> bool:
+def _is_stacked(labels: Sequence[str], different: tuple[str, ...]) -> bool:
     """Whether labels name one part of the rows after the other: a status that comes and goes does not.
 
     Neither does a name for every row, nor one beside empty cells.

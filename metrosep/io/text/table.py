@@ -124,7 +124,9 @@ class Column:
     # shape (n,), or None: numbers in the unit of the file, NaN = not measured; ``None`` for a
     # column of labels
     values: FloatArray | None
-    labels: tuple[str, ...] | None = None  # texts of a column of labels
+    labels: Sequence[str] | None = (
+        None  # texts of a column of labels; a tuple once its dates are read
+    )
 
 
 class SinceFirst(NamedTuple):
@@ -180,14 +182,15 @@ def read_table(file: RawFile, **text: Any) -> Table:
     source = TextTable(file, TextOptions.of(text))
     file = source.file
     n = len(source.head.names)  # empty columns may have a name, and fields without one be remarks
-    labels = (*source.head.layout.labels, *[False] * n)[:n]
+    layout = source.head.layout
+    labels, dated = ((*kinds, *[False] * n)[:n] for kinds in (layout.labels, layout.dated))
     rows = joined(source.blocks(), labels, source.rows_at_most())
     columns = [
-        Column(name, unit, None, tuple(values))
-        if isinstance(values, list)
-        else Column(name, unit, values)
-        for name, unit, values in zip(
-            source.head.names, source.head.units, rows.columns, strict=True
+        Column(name, unit, values)
+        if isinstance(values, np.ndarray)
+        else Column(name, unit, None, values if is_dated else tuple(values))
+        for name, unit, values, is_dated in zip(
+            source.head.names, source.head.units, rows.columns, dated, strict=True
         )
     ]
     unnamed = source.head.facts["unnamed"]
@@ -378,9 +381,11 @@ def with_moments(
             )
     unit = parse_unit("s")
     made = [
-        c
-        if (m := found.get(k)) is None or not np.any(m.seconds)
-        else Column(c.name, unit, m.seconds)
+        Column(c.name, unit, m.seconds)
+        if (m := found.get(k)) is not None and np.any(m.seconds)
+        else c
+        if c.labels is None
+        else replace(c, labels=tuple(c.labels))
         for k, c in enumerate(columns)
     ]
     kept = [c for k, c in enumerate(made) if k != day or k in found]
