@@ -11,6 +11,7 @@ from metrosep.core.errors import DataError
 from metrosep.core.limits import FORM_OF_SYMBOL
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
+from metrosep.core.readable import did_you_mean
 from metrosep.core.regions import SHAPES, check_region
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
@@ -71,8 +72,7 @@ def normal_values(
     values: dict[str, Any] = {}
     for name, value in given.items():
         if name not in keys:
-            near = difflib.get_close_matches(str(name), list(keys), n=1)
-            hint = f' Did you mean "{near[0]}"?' if near else ""
+            hint = did_you_mean(name, keys)
             raise StepError(
                 f'unknown key "{name}" in {what}; known: {", ".join(keys)}.{hint}', str(name)
             )

@@ -7,7 +7,6 @@ sources in quadrature (JCGM 100, 5.1 and 5.2).
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -22,7 +21,7 @@ from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import choice, real
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.provenance import freeze_mapping
-from metrosep.core.readable import typed_number
+from metrosep.core.readable import did_you_mean, typed_number
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length, parse_quantity
 from metrosep.optics.air import AirIndex, air_index
@@ -84,9 +83,7 @@ class LaserSetup:
         given: dict[str, Any] = {}
         for name, value in options.items():
             if name not in SETUP:
-                near = difflib.get_close_matches(name, SETUP, n=1)
-                hint = f" Did you mean {near[0]}?" if near else ""
-                raise OptionError(f"a laser set-up has no {name!r}.{hint}")
+                raise OptionError(f"a laser set-up has no {name!r}.{did_you_mean(name, SETUP)}")
             if value is not None:
                 given[name] = checked(SETUP[name], value, name)
         self.options = freeze_mapping(given)
