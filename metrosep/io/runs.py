@@ -46,17 +46,13 @@ from metrosep.io.own_runs import own_columns, own_runs, run_table
 from metrosep.io.several_runs import BLOCKS, SeveralRunsError
 from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.dialect import header_unit
+from metrosep.io.text.picking import ColumnSpec, pick, sensitivity, since_first_row, to_si
 from metrosep.io.text.table import (
     Column,
-    ColumnSpec,
     Table,
     interruption,
-    pick,
     read_table,
-    sensitivity,
-    since_first_row,
     text_of,
-    to_si,
     without_empty_rows,
 )
 

@@ -27,7 +27,7 @@ from metrosep.io.registry import get, sniffer
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.measurement import columns_as_object, map_as_surface, unit_label, unit_of
-from metrosep.io.text.table import ColumnSpec
+from metrosep.io.text.picking import ColumnSpec
 
 __all__ = ["channels", "is_number", "physical_values", "read", "saved_object", "sniff"]
 
