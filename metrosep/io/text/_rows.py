@@ -154,6 +154,7 @@ class Body:
         is_map: bool = False,
         has_own_runs: bool = False,
         is_numbered: bool = False,
+        may_be_words: Iterable[int] = (),
     ) -> None:
         self._file, self._layout, self._options, self.ledger = file, layout, options, ledger
         self._names = tuple(names)
@@ -162,6 +163,10 @@ class Body:
         self._header = [[f.strip() for f in fields] for fields in header]
         self._is_map, self._has_own_runs = is_map, has_own_runs
         self._is_numbered = is_numbered  # names of the rows such as #1 are no comments
+        self._open = set(may_be_words)  # columns without a field so far, which may hold words
+        self.words_in: int | None = (
+            None  # the one of these in which words stand, once it was refused
+        )
         self._words = NO_READING | {m for m in options.missing or () if isinstance(m, str)}
         self._pending: list[
             tuple[int, str, bool]
@@ -306,6 +311,7 @@ class Body:
         """Note where the rows end, and make declared markers NaN."""
         if block.lines.size:
             self.last_line = int(block.lines[-1])
+        self._open -= {k for k in self._open if np.isfinite(block.columns[k]).any()}
         if self._markers:
             for values in block.columns:
                 if isinstance(values, np.ndarray):
@@ -765,7 +771,7 @@ class Body:
             if self._labels[k]:
                 found.append([f.strip() for f in fields])
                 continue
-            found.append(self._floats(fields, lines, self._names[k]))
+            found.append(self._floats(fields, lines, k))
             if self._unproven:
                 self._look_for_groups(k, fields, lines)
         return found
@@ -787,9 +793,9 @@ class Body:
         if odd is not None and (mark == "," or self._whole[k] or self._may_be_comma):
             raise one_or_thousand(self._file, *odd, self._names[k], mark)
 
-    def _floats(self, fields: Sequence[str], lines: NDArray[np.int64], name: str) -> FloatArray:
+    def _floats(self, fields: Sequence[str], lines: NDArray[np.int64], k: int) -> FloatArray:
         """Return the numbers of a column; the quick way first, then field by field."""
-        dialect = self._layout.dialect
+        dialect, name = self._layout.dialect, self._names[k]
         joined = "\n".join(fields)
         if dialect.decimal == "," and "." not in joined:
             joined = joined.replace(",", ".")
@@ -816,6 +822,8 @@ class Body:
                 if not self._groups or lines[i] < self._groups[0][0]:
                     self._groups = [(int(lines[i]), field.strip())]
             else:
+                if k in self._open and not np.isfinite(values[:i]).any():
+                    self.words_in = k
                 self._refuse_other_mark(int(lines[i]), field.strip(), name)
                 raise bad_field(self._file, int(lines[i]), field.strip(), f"column {name!r}")
         if np.isinf(values).any():

@@ -44,14 +44,8 @@ from metrosep.io.text.encoding import head_text
 from metrosep.io.text.lines import are_numbered_rows, are_rows_like_comments, is_rule, unframed
 from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
-from metrosep.io.text.table import (
-    Column,
-    ColumnSpec,
-    TextTable,
-    markers_in,
-    read_table,
-    text_of,
-)
+from metrosep.io.text.picking import ColumnSpec
+from metrosep.io.text.table import Column, TextTable, markers_in, read_table, text_of
 from metrosep.io.text.times import RunningClock, moments
 
 __all__ = ["channels", "parquet", "read", "sniff", "sqlite", "worksheet"]

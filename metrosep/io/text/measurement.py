@@ -41,20 +41,16 @@ from metrosep.io.text.matrices import (
     matrix,
     shown_columns,
 )
-from metrosep.io.text.quality import is_truth
-from metrosep.io.text.table import (
-    Column,
+from metrosep.io.text.picking import (
     ColumnSpec,
-    SinceFirst,
-    Table,
-    interruption,
     pick,
     refuse_marker,
     sensitivity,
     since_first_row,
     to_si,
-    without_empty_rows,
 )
+from metrosep.io.text.quality import is_truth
+from metrosep.io.text.table import Column, SinceFirst, Table, interruption, without_empty_rows
 from metrosep.io.text.times import counted_moments, is_long_count, written_moments
 
 __all__ = [

@@ -53,7 +53,14 @@ _CLOCK = (
     r"|(?P<h>\d{1,4}):(?P<min>\d\d)(?::(?P<sec>\d\d(?:[.,:]\d{1,9})?))?\s?(?P<half>[AaPp]\.?[Mm]\.?)?)"
 )
 _ZONE = r"\s?(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?"
-_MOMENT = re.compile(rf"{_DATE}(?:(?:T|,?\s+){_CLOCK}{_ZONE})?|{_CLOCK.replace('?P<', '?P<c_')}")
+_BASIC = (
+    r"(?P<b_y>(?:19|20|21)\d\d)(?P<b_m>0\d|1[0-2])(?P<b_d>[0-3]\d)"
+    r"T(?P<b_h>[0-2]\d)(?P<b_min>\d\d)(?P<b_sec>\d\d(?:[.,]\d{1,9})?)?(?P<b_zone>Z|[+-]\d\d:?\d\d)?"
+)
+"""ISO 8601 without marks: 20261129T101500."""
+_MOMENT = re.compile(
+    rf"{_DATE}(?:(?:T|,?\s+){_CLOCK}{_ZONE})?|{_CLOCK.replace('?P<', '?P<c_')}|{_BASIC}"
+)
 _SECOND = 10**9
 _DAY = 86400 * _SECOND
 _HALF = 43200 * _SECOND
@@ -241,7 +248,7 @@ class Entries:
         if found is None:
             return
         span = {
-            k.removeprefix("c_"): found.span(k)
+            k.removeprefix("c_").removeprefix("b_"): found.span(k)
             for k, v in found.groupdict().items()
             if v is not None
         }
@@ -378,7 +385,7 @@ def moments(
         ns = ns + clock - offset
         if dated[0]:
             found = _MOMENT.fullmatch(texts[own[0]].strip('"'))
-            zone = "" if found is None else found["zone"] or ""
+            zone = "" if found is None else found["zone"] or found["b_zone"] or ""
             start = " or ".join(f"{day}T{_iso(clock[0])}{zone}" for day in start.split(" or "))
     seconds = np.full(len(lines), np.nan)
     seconds[rows] = (ns - ns[0]) * 1e-9
