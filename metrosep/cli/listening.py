@@ -72,7 +72,13 @@ def listen(
         say(f"{source}: recording to {file.name}; Ctrl-C ends it")
         with _until_signalled() as is_ended:
             try:
-                record(chunks, table, file, every=pause, seconds=end, is_ended=is_ended)
+                record(
+                    chunks, table, file, every=pause, seconds=end, is_ended=is_ended,
+                    silent=lambda pause: say(
+                        f"{source}: nothing came for {pause:.0f} s; is the gauge on, its cable plugged in, and "
+                        "no other program on its line? The recording goes on"
+                    ),
+                )  # fmt: skip
             except KeyboardInterrupt:
                 say("ended by hand")
             else:

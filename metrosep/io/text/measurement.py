@@ -41,20 +41,16 @@ from metrosep.io.text.matrices import (
     matrix,
     shown_columns,
 )
-from metrosep.io.text.quality import is_truth
-from metrosep.io.text.table import (
-    Column,
+from metrosep.io.text.picking import (
     ColumnSpec,
-    SinceFirst,
-    Table,
-    interruption,
     pick,
     refuse_marker,
     sensitivity,
     since_first_row,
     to_si,
-    without_empty_rows,
 )
+from metrosep.io.text.quality import is_truth
+from metrosep.io.text.table import Column, SinceFirst, Table, interruption, without_empty_rows
 from metrosep.io.text.times import counted_moments, is_long_count, written_moments
 
 __all__ = [
@@ -223,7 +219,7 @@ def _omitted(table: Table) -> Iterator[str]:
 _NUMBER_AND_UNIT = re.compile(r"[+\-\u2212]?[\d.,]+(?:[eE][+-]?\d+)?\s*[^\W\d]\D*")
 
 
-def _is_stacked(labels: tuple[str, ...], different: tuple[str, ...]) -> bool:
+def _is_stacked(labels: Sequence[str], different: tuple[str, ...]) -> bool:
     """Whether labels name one part of the rows after the other: a status that comes and goes does not.
 
     Neither does a name for every row, nor one beside empty cells.
