@@ -126,7 +126,9 @@ def _places(document: RecipeDocument, edits: Sequence[Edit]) -> Iterator[list[st
 def _mend(hint: Mapping[str, Any], places: Sequence[Sequence[Any]]) -> dict[str, Any]:
     edits = [{"path": [*p], "new": v} for p, v in zip(places, hint.values(), strict=True)]
     said = ", ".join(f"{k.replace('_', ' ')} = {_shown(v)}" for k, v in hint.items())
-    return {"label": f"Set {said}", "edits": edits, "ask": None}
+    gone = [k.replace("_", " ") for k, v in hint.items() if v is None]
+    label = f"Remove {', '.join(gone)}" if len(gone) == len(hint) else f"Set {said}"
+    return {"label": label, "edits": edits, "ask": None}
 
 
 def _shown(value: Any) -> str:

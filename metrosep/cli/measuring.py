@@ -587,14 +587,14 @@ def form(
     if residual is not None:
         write(result.residual, residual)
         say(f"residual -> {residual}")
-        if not as_json:
-            say_next("path", "IN.nc", "--error", residual, "-o", "OUT.nc")
     if as_json:
         content = {"file": Path(file).name, **result.to_dict()}
         content.update(rms_nm=result.rms * 1e9, pv_nm=result.peak_to_valley * 1e9)
         click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
     else:
         click.echo(result.report())
+        if residual is not None:
+            say_next("path", "IN.nc", "--error", residual, "-o", "OUT.nc")
     return 0
 
 

@@ -260,3 +260,22 @@ def test_a_quantity_that_a_message_has_as_an_example_is_asked_for_and_never_set(
     (ask, *_) = [m for m in mends_of_step(document, 0, error) if m["ask"]]
     assert ask["ask"]["hint"] == "such as 25 um"
     assert ask["edits"][-1]["new"] is None
+
+
+@pytest.mark.parametrize(
+    ("keys", "label"),
+    [
+        ({"op": "filter", "kind": "spline", "band": "stop", "cutoff": "30 um"}, "Set kind = gaussian"),
+        ({"op": "psd", "limit": "rms = 5 nm from 10 um to 50 um", "estimate": "slopes", "detrend": "mean"},
+         "Set detrend = plane"),
+    ],
+)  # fmt: skip
+def test_what_an_error_carries_is_offered_where_a_step_is_refused(tmp_path, keys, label):
+    session = opened(tmp_path, 3e-6).session
+    _, document = session.need()
+    steps = document.recipe.steps
+    edits = [Edit(("step", len(steps)), None, keys)]
+    with pytest.raises(MetrosepError) as refused:
+        document.copy().edit(edits)
+    hints = refused.value.hints
+    assert [f"Set {k} = {v}" for hint in hints for k, v in hint.items()] == [label]

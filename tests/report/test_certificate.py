@@ -517,13 +517,13 @@ def test_each_wavelength_of_a_disturbance_keeps_its_feed(language, pairs, runs):
     by_hand = [7200 / 60 / 12.1, 4800 / 60 / 12.1]  # mm: feed per period
     sentence = (
         f"12.1 Hz disturbance maps onto {by_hand[0]:.1f} mm at 7200 mm/min, {by_hand[1]:.1f} mm at "
-        "4800 mm/min; the runs at 2400, 9600 and 12000 mm/min tell it from the geometry."
+        "4800 mm/min; the runs at 2400, 9600 and 12000 mm/min distinguish it from the geometry."
     )
     own = said(sentence, language)
     assert re.split(" at | and ", own) == [own]
     for text in (*pairs, runs):
         assert text in own
-    one = said("12.1 Hz disturbance maps onto 9.9 mm at 7200 mm/min; the runs at 4800 and 9600 mm/min tell it from the geometry", language)  # fmt: skip
+    one = said("12.1 Hz disturbance maps onto 9.9 mm at 7200 mm/min; the runs at 4800 and 9600 mm/min distinguish it from the geometry", language)  # fmt: skip
     assert pairs[0] in one
     # a place for digits takes no words
     assert said("The gap of 3 mm at 7200 mm/min", language) == "The gap of 3 mm at 7200 mm/min"
@@ -985,3 +985,12 @@ def test_every_page_has_number_revision_and_n_of_n(files_of_a_laboratory):
         flat = re.sub(r"\s+", " ", page)
         assert f"page {i} / {len(pages)}" in flat
         assert "2026-0815 revision 1" in flat
+
+
+def test_what_a_report_replaces_is_said_in_each_language_by_itself(part):
+    text = REPORT.replace("[report]\n", '[report]\nlanguage = ["en", "zh"]\n', 1)
+    english, _, chinese = view(run(part, text))["c"]["replaces"].partition(" / ")
+    assert "substituted" in english
+    assert "替换" not in english
+    assert "替换" in chinese
+    assert "substituted" not in chinese

@@ -394,13 +394,13 @@ def _require_kind(run: Run, values: str, name: str) -> None:
         raise InvalidSamplesError(
             f"the readings of run {name} look like positions, not like errors: they change by {slope:.4g} "
             'times the position; say values = "position" in the step laser_setup'
-        )
+        ).hinting(values="position")
     if values == "position" and abs(slope - 1.0) > _LIKE_POSITIONS:
         raise InvalidSamplesError(
             f"the readings of run {name} do not look like positions: they change by {slope:.4g} times the "
             "position, and it must be 1; if they are errors (actual minus nominal) leave values = "
             '"position" out, if they fall while the position rises change the sign of one of them'
-        )
+        ).hinting(values=None)
 
 
 def _column(name: str, values: Any, size: int) -> FloatArray:
