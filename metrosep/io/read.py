@@ -19,6 +19,7 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 from metrosep.core.profile import Profile
+from metrosep.core.readable import did_you_mean
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
@@ -162,7 +163,7 @@ def read_any(
             own = [n for n in accepted if n not in {"file", "channel", "lateral_step", "unit"}]
             raise ReadOptionError(
                 f"{file.path}: is {description.title}, which takes no option {option!r}; it takes "
-                f"{', '.join(own) or 'none'}"
+                f"{', '.join(own) or 'none'}.{did_you_mean(option, own)}"
             )
     try:
         return reader.read(file, channel=channel, lateral_step=lateral_step, unit=unit, **layout)

@@ -28,6 +28,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.plugins import entries
 from metrosep.core.profile import Profile
+from metrosep.core.readable import did_you_mean
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
@@ -283,7 +284,9 @@ def get(format_id: str) -> Format:
     """Return the format of an identifier."""
     known = {f.id: f for f in formats()}
     if format_id not in known:
-        raise UnknownFormatError(f"no format {format_id!r}; known are {', '.join(known)}")
+        raise UnknownFormatError(
+            f"no format {format_id!r}; known are {', '.join(known)}.{did_you_mean(format_id, known)}"
+        )
     return known[format_id]
 
 

@@ -6,6 +6,7 @@ without permission give the same sentence whatever the format.
 
 from __future__ import annotations
 
+import contextvars
 import hashlib
 import importlib
 import importlib.util
@@ -80,11 +81,12 @@ class _Hashing:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._digest: str | None = None
-        self._thread = threading.Thread(target=self._run, daemon=True)
+        context = contextvars.copy_context()  # where reading is bound to some folders
+        self._thread = threading.Thread(target=context.run, args=(self._run,), daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
-        with suppress(OSError), self._path.open("rb") as handle:
+        with suppress(OSError, ReadError), self._path.open("rb") as handle:
             self._digest = hashlib.file_digest(handle, "sha256").hexdigest()
 
     def result(self) -> str | None:

@@ -22,8 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.atomic import atomic_write
-from metrosep.core.errors import UnsupportedFeatureError, WriteError, WriteOptionError
+from metrosep.core.errors import (
+    UnsupportedFeatureError,
+    WriteError,
+    WriteOptionError,
+)
 from metrosep.core.profile import Profile
+from metrosep.core.readable import did_you_mean
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
@@ -130,7 +135,7 @@ def _bytes(
     if name not in _SUFFIXES.values():
         raise UnsupportedFeatureError(
             f"{path}: format {name!r} is not written; there are "
-            f"{', '.join(sorted(set(_SUFFIXES.values())))}"
+            f"{', '.join(sorted(set(_SUFFIXES.values())))}.{did_you_mean(name, _SUFFIXES.values())}"
         )
     if name in _BINARY:
         return _by_module(obj, name, path, options)
