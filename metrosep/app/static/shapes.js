@@ -273,3 +273,14 @@ export function dragged(tool, a, b) {
   if (tool === "step" || tool === "groove") return { kind: tool, a: pointText(a), b: pointText(b), width: size(r / 2) };
   return null;
 }
+
+/** Area within corners, m^2; 0 where they lie on a line, or are fewer than three. @param {Point[]} points */
+export function areaOf(points) {
+  const [x, y] = points[0] ?? [0, 0];
+  const twice = points.reduce((sum, [ax, ay], i) => {
+    const [bx, by] = points[(i + 1) % points.length];
+    return sum + (ax - x) * (by - y) - (bx - x) * (ay - y);
+  }, 0);
+  const far = Math.max(0, ...points.map((p) => Math.hypot(p[0] - x, p[1] - y)));
+  return Math.abs(twice) > 1e-9 * far * far ? Math.abs(twice) / 2 : 0;
+}

@@ -504,6 +504,9 @@ def find_layout(
         above + len(best.rows) + len(best.unmeasured),
         unproven,
         len(sample) - 1 in best.rows or len(sample) - 1 in best.unmeasured,
+        tuple(
+            not any(f.strip() for f in column) for column in zip(*best.rows.values(), strict=True)
+        ),
     )
 
 
@@ -521,6 +524,7 @@ class Layout:
     n_fit: int  # lines that are rows
     unproven: bool  # no number shows what its decimal mark is
     ends: bool  # the last line looked at is a row
+    empty: tuple[bool, ...]  # which columns hold nothing in the lines looked at
 
 
 def unmeasured_rows(lines: Sequence[str]) -> int:

@@ -545,7 +545,7 @@ def _collision_sentence(
     if len(clean) >= 2:
         *most, last = (f"{v * _MM_PER_MIN:.0f}" for v in clean)
         others = f"{', '.join(most)} and {last}"
-        return f"{sentence}; the runs at {others} mm/min tell it from the geometry"
+        return f"{sentence}; the runs at {others} mm/min distinguish it from the geometry"
     better = _better_feed(frequency, feeds, waves, travel)
     if better is None:
         return f"{sentence}; no other feedrate in this range avoids it: remove the disturbance"
