@@ -443,14 +443,15 @@ class Answers:
         kind = message.get("k")
         if not isinstance(kind, str) or kind not in KINDS:
             raise DataError(f"there is no request {kind!r}; there are {', '.join(KINDS)}")
-        if kind in _OWN:
-            header, arrays = getattr(self, f"_{kind}")(message)
-        elif kind in _PICTURES:
-            header, arrays = getattr(self.pictures, kind)(message, cancel)
-        else:
-            module, _, name = _ELSEWHERE[kind].partition(":")
-            function = getattr(import_module(f"metrosep.app.{module}"), name)
-            header, arrays = function(self.session, message, cancel, tell)
+        with self.session.places.guarding():
+            if kind in _OWN:
+                header, arrays = getattr(self, f"_{kind}")(message)
+            elif kind in _PICTURES:
+                header, arrays = getattr(self.pictures, kind)(message, cancel)
+            else:
+                module, _, name = _ELSEWHERE[kind].partition(":")
+                function = getattr(import_module(f"metrosep.app.{module}"), name)
+                header, arrays = function(self.session, message, cancel, tell)
         return {"k": kind, "ok": True, **header}, arrays
 
     def _hello(self, message: Message) -> Answer:

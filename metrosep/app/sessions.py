@@ -61,7 +61,7 @@ class Session:
     ) -> None:
         """Open a measurement, several runs as a set, or a recipe with its files."""
         names = [paths] if isinstance(paths, str) else list(paths)
-        with self._changing:
+        with self._changing, self.places.guarding():
             self.keeper.retry()
             self.keeper.wait()  # what was changed last may be opened again
             if keep_recipe:
@@ -127,7 +127,7 @@ class Session:
         The change is tried on a copy: pictures go on meanwhile, and if the files cannot be read so,
         nothing has happened.
         """
-        with self._changing:
+        with self._changing, self.places.guarding():
             opened, document = self.need()
             tried, before = document.copy(), document.recipe.input
             act(tried)

@@ -77,6 +77,21 @@ def _is_place(param: click.Parameter) -> bool:
     return any(w in words for w in ("FILE", "DIR", "FOLDER", "MACHINE", "RESULT", "SET", "MAP"))
 
 
+class _Choice(click.Choice[Any]):
+    """A choice whose refusal names the nearest word."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the choice that was typed."""
+        try:
+            return super().convert(value, param, ctx)
+        except click.BadParameter as exc:
+            from metrosep.core.readable import did_you_mean
+
+            raise click.BadParameter(
+                f"{exc.message}{did_you_mean(value, self.choices)}", ctx, param
+            ) from None
+
+
 class _Commands(click.Group):
     """A group that lists its commands without loading them."""
 
@@ -106,7 +121,11 @@ class _Commands(click.Group):
                 option.callback = _require_place
             if _is_place(option):
                 option.type = _Place()
-        return command
+            if type(option.type) is click.Choice:
+                option.type = _Choice(option.type.choices, option.type.case_sensitive)
+        from metrosep.cli.examples import with_examples
+
+        return with_examples(command, cmd_name)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -147,6 +166,8 @@ def _other_door(args: list[str]) -> list[str]:
     _, is_joined, value = args[at].partition("=")
     after = at + (1 if is_joined else 2)
     machine = [value] if is_joined else args[at + 1 : after]
+    if not machine:  # still to come: 'table' says so, and a shell completes the machines
+        return args
     return ["machine-tables", *machine, *args[1:at], *args[after:]]
 
 
@@ -246,6 +267,11 @@ def _all_missing(error: click.ClickException, words: list[str]) -> str:
         for p in error.ctx.command.params
         if p.required and isinstance(p, click.Option) and not given & {*p.opts}
     ]
+    if "pivot_height" in {p.name for p in error.ctx.command.params}:  # the command takes presets
+        from metrosep.recipe.methods.ops_machine import PRESET_NEEDS
+
+        needs = [f"--{PRESET_NEEDS[w][0].replace('_', '-')}" for w in words if w in PRESET_NEEDS]
+        lacking += [option for option in needs if option not in {*given, *lacking}]
     first = error.format_message().rstrip(".") if isinstance(error.param, click.Argument) else ""
     if len(lacking) + bool(first) < 2:
         return ""

@@ -203,9 +203,13 @@ def masked_psd(
     choice(detrend, "detrend", ("mean", "plane", "quadratic"))
     choice(estimate, "estimate", ("auto", "heights", "slopes"))
     if estimate == "slopes" and detrend == "mean":
-        raise DataError(
-            'estimate = "slopes" takes a plane off with the mean slope, and detrend = "mean" keeps it: '
-            'say detrend = "plane", or estimate = "heights"'
+        raise (
+            DataError(
+                'estimate = "slopes" takes a plane off with the mean slope, and detrend = "mean" keeps it: '
+                'say detrend = "plane", or estimate = "heights"'
+            )
+            .hinting(detrend="plane")
+            .hinting(estimate="heights")
         )
     max_filled = between(max_filled, "max_filled", 0.0, 1.0)
     steps = _steps(obj)
@@ -237,6 +241,7 @@ def masked_psd(
     known = outline
     leaks: NDArray[np.bool_] = np.full(power.shape, falls)
     closed = z
+    by_edges: _Spread | None = None
     if estimate == "slopes" or (estimate == "auto" and detrend != "mean" and falls):
         taken = "slopes"
         closed = _closed(z, outline, measured, steps)
@@ -246,7 +251,11 @@ def masked_psd(
     elif n_filled:
         closed = _closed(z, outline, measured, steps)
         of_closed = _of_heights(closed, whole, steps, is_map=is_map)
-        leaks = leaks if falls else _leaks(of_closed, w, whole)
+        if not falls:  # what closes holes may rise where nothing else does, and feign a leak
+            rest = _by_edges(w, whole)
+            by_edges = _spread(power, *rest)
+            leaks = by_edges.leaks()
+            leaks = leaks & _spread(of_closed, *rest).leaks() if leaks.any() else leaks
         power = np.where(leaks, of_closed, power)
     holes = "omitted" if not leaks.any() else "closed"
     if leaks.any() and not leaks.all():
@@ -267,7 +276,7 @@ def masked_psd(
     found = _spectrum(power, w * measured, steps, history, is_map=is_map)
     filled = outline & known & ~measured
     wrong = np.zeros(power.shape)
-    if n_filled and leaks.any():
+    if filled.any() and leaks.any():
         errors = _errors(z, closed, outline, filled, measured, square, steps)
         for error, scale in errors:
             if taken == "slopes":
@@ -276,6 +285,12 @@ def masked_psd(
                 one = _of_heights(error, whole, steps, is_map=is_map)
             wrong = np.maximum(wrong, scale * one)
         wrong = np.where(leaks, wrong if errors else power, 0.0)
+    if taken == "slopes" and not known[outline].all():
+        gain = _gain(power.shape, steps, is_map=is_map)
+        of_slopes = power * gain
+        wrong = wrong + _spread(of_slopes, *_by_edges(w * known, w)).added(of_slopes) / gain
+    elif by_edges is not None:
+        wrong = np.where(leaks, wrong, by_edges.added(power))
     added = _spectrum(wrong, w * measured, steps, history, is_map=is_map)["one_sided"]
     of_open = 1.0 - float(square[~known & outline].sum() / square.sum())
     left = []
@@ -405,8 +420,11 @@ def _of_heights(
 
     z = z - float((w * z).sum() / w.sum())
     cell = math.prod(steps) if is_map else steps[1]
-    power = np.abs(fft.fft2(w * z, _padded(w.shape))) ** 2
-    return np.asarray(power * (cell / float((w * w).sum())))
+    shape = _padded(w.shape)
+    half = fft.rfft2(w * z, shape)
+    power = np.square(half.real) + np.square(half.imag)
+    power *= cell / float((w * w).sum())
+    return _both_sides(power, shape[1])
 
 
 def _of_slopes(
@@ -418,8 +436,6 @@ def _of_slopes(
     is_map: bool,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the same from the differences of known neighbours, over what one passes, and the window."""
-    from scipy import fft
-
     axes = (0, 1) if is_map else (1,)
 
     def with_next(points: NDArray[np.bool_], axis: int) -> NDArray[np.bool_]:
@@ -433,17 +449,25 @@ def _of_slopes(
     if not inside.any():
         raise TooFewSamplesError("no pixel has a neighbour in x and in y: there are no slopes")
     power = np.zeros(_padded(z.shape))
-    gains = [np.zeros(n) for n in power.shape]
     w = _window(inside, steps, is_map=is_map)
     for axis in axes:
         slope = (np.roll(z, -1, axis) - z) / steps[axis]
         power += _of_heights(slope, w * with_next(known, axis), steps, is_map=is_map)
-        gains[axis] = (2.0 * np.sin(np.pi * fft.fftfreq(power.shape[axis])) / steps[axis]) ** 2
     power[0, 0] = 0.0  # the mean has no slope
-    gains[1][0] = gains[1][0] or np.finfo(float).tiny
-    for row, gain in zip(power, gains[0], strict=True):
-        np.divide(row, gain + gains[1], out=row)
+    power /= _gain(power.shape, steps, is_map=is_map)
     return power, w
+
+
+def _gain(shape: tuple[int, ...], steps: tuple[float, float], *, is_map: bool) -> FloatArray:
+    """Return what the slopes' density is over that of the heights; of the mean a number above 0."""
+    from scipy import fft
+
+    along = [
+        (2.0 * np.sin(np.pi * fft.fftfreq(n)) / s) ** 2 for n, s in zip(shape, steps, strict=True)
+    ]
+    gain = along[0][:, None] * is_map + along[1]
+    gain[0, 0] = 1.0  # of the mean, which has no slope
+    return np.asarray(gain)
 
 
 def _falls(power: FloatArray, shape: tuple[int, ...], steps: tuple[float, float]) -> bool:
@@ -470,34 +494,93 @@ def _falls(power: FloatArray, shape: tuple[int, ...], steps: tuple[float, float]
     return bool(lower > upper * (highest / middle) ** _FALLS)
 
 
-def _leaks(power: FloatArray, w: FloatArray, whole: FloatArray) -> NDArray[np.bool_]:
-    """Return at which frequencies holes that are left out would add more than `_LEAK` of a density.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Spread:
+    """What holes that are left out of the window do to a density.
+
+    `every` comes to each frequency, `spread` is its mean nearby and `moved` what a white density would get,
+    both for each of `_NEAR`; q stays of a wave.
+    """
+
+    q: float
+    every: FloatArray
+    spread: list[FloatArray]
+    moved: list[FloatArray]
+    more: list[float]
+
+    def leaks(self) -> NDArray[np.bool_]:
+        """Return at which frequencies more than `_LEAK` of the density is added."""
+        found = np.zeros(self.every.shape, dtype=bool)
+        for spread, moved, more in zip(self.spread, self.moved, self.more, strict=True):
+            least = max(1.0 + _LEAK / (1.0 - self.q), more) if self.q < 1.0 else np.inf
+            found |= spread > least * moved
+        return found
+
+    def added(self, power: FloatArray) -> FloatArray:
+        """Return the most that comes to each frequency of a density from others.
+
+        It is known no better than as many independent values as the density has, with their weights: of a
+        few long waves it may be 1 / chi2 of one value, at 5 %.
+        """
+        from scipy.special import gammaincinv
+
+        most = np.zeros(power.shape)
+        for spread, moved in zip(self.spread, self.moved, strict=True):
+            np.maximum(most, np.maximum(self.every, spread) - moved, out=most)
+        n = float(power.sum()) ** 2 / float(np.square(power).sum())
+        n = max(1.0, n / 2.0 ** sum(v > 1 for v in power.shape))  # padded to twice the size
+        return np.asarray(most * (n / float(gammaincinv(n, 0.05))))
+
+
+def _by_edges(w: FloatArray, whole: FloatArray) -> tuple[FloatArray, float]:
+    """Return what holes do to the autocorrelation beyond a factor, by lag, and this factor.
 
     The autocorrelation of the window with holes over that of the whole one turns the lags of a density
     into those that are read. Its mean q is what stays of every wave; the rest of it spreads.
     """
-    from scipy import fft, ndimage
+    from scipy import fft
 
+    shape = _padded(w.shape)
     open_, full = (
-        fft.ifft2(np.abs(fft.fft2(v, power.shape)) ** 2).real / float((v * v).sum())
+        fft.irfft2(np.square(np.abs(fft.rfft2(v, shape))), shape) / float((v * v).sum())
         for v in (w, whole)
     )
     q = float((w.sum() / whole.sum()) ** 2 * (whole**2).sum() / (w * w).sum())
     seen = full > 1e-6
-    rest = np.where(seen, open_ / np.where(seen, full, 1.0) - q, 0.0)
-    every = fft.fft2(fft.ifft2(power) * rest).real
+    return np.where(seen, open_ / np.where(seen, full, 1.0) - q, 0.0), q
+
+
+def _spread(power: FloatArray, rest: FloatArray, q: float) -> _Spread:
+    """Return what an autocorrelation of `_by_edges` does to a density."""
+    from scipy import fft, ndimage
+
+    n_y, n_x = power.shape
+    lags = fft.irfft2(power[:, : n_x // 2 + 1], power.shape)
+    every = _both_sides(fft.rfft2(lags * rest).real, n_x)
     # the mean of the logarithm of chi-square with 2 degrees of freedom; one strong wave hides no floor
     level = np.log(np.maximum(power, np.finfo(float).tiny)) + np.euler_gamma
-    found = np.zeros(power.shape, dtype=bool)
-    for wide, more in _NEAR if min(power.shape) > 1 else _NEAR_LINE:
+    # below the lowest frequency the trend was taken off: what is just above it stands there
+    low = 2 * int(_PERIODS)
+    y, x = (np.arange(-2 * low, 2 * low + 1) if n > 4 * low else np.arange(n) for n in (n_y, n_x))
+    waves = np.hypot(y[:, None], x)
+    near_0 = level[np.ix_(y, x)]
+    near_0[waves < low] = near_0[(waves >= low) & (waves < 2 * low)].mean()
+    level[np.ix_(y, x)] = near_0
+    spread, moved, more = [], [], []
+    for wide, times in _NEAR if min(power.shape) > 1 else _NEAR_LINE:
         sizes = [max(1, min(wide, n // 8)) for n in power.shape]
         near = np.exp(ndimage.uniform_filter(level, sizes, mode="wrap"))
-        spread = ndimage.uniform_filter(
-            every, sizes, mode="wrap"
-        )  # a wide hole spreads to few only
-        moved = (1.0 - q) * near  # what a white density loses and gets back
-        found |= (spread - moved > _LEAK * near) & (spread > more * moved)
-    return found
+        moved.append((1.0 - q) * near)
+        # a wide hole spreads to few only
+        spread.append(ndimage.uniform_filter(every, sizes, mode="wrap"))
+        more.append(times)
+    return _Spread(q, every, spread, moved, more)
+
+
+def _both_sides(half: FloatArray, n: int) -> FloatArray:
+    """Return a density at all n frequencies along the last axis from those that a real transform gives."""
+    after = half[:, 1 : (n + 1) // 2][:, ::-1]
+    return np.concatenate([half, np.roll(after[::-1], 1, axis=0)], axis=1)
 
 
 def _errors(

@@ -248,3 +248,10 @@ def test_the_recipe_that_measure_prints_measures_a_folder_as_its_last_line_says(
     code, found = said("batch", "qa.toml", "in", "-o", "again")
     assert code == 4
     assert "-s 'input.files=[\"*.x3p\"]'" in found.err
+
+
+def test_one_number_for_several_reports_is_named_with_the_cure(home, capsys):
+    call(home, "--dry-run", "--report", "number=2026-7")
+    assert '"2026-7-{file}"' in capsys.readouterr().err
+    call(home, "--dry-run", "--report", "number=2026-7-{file}")
+    assert "is the same for" not in capsys.readouterr().err

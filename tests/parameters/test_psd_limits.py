@@ -284,3 +284,52 @@ def test_what_closing_adds_rejects_no_part():
     # a part that is over its limit where closing adds little is rejected all the same
     one = judge_psd(found, psd_limit("rms = 0.01 nm from 0.1 mm to 0.4 mm"))
     assert one.verdict == "reject"
+
+
+@pytest.mark.parametrize(("B", "width"), [(-2, 10), (-2, 100), (-4, 100), (4.5, 100)])
+def test_the_edges_of_holes_reject_no_part(B, width):
+    """Short waves of a rising spectrum, and long ones of a steep one, spread at edges over all others."""
+    verdicts = {0.5: [], 100.0: []}
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        n = 4000
+        z = lines(rng, lambda f: 1e-24 * (f > 0) * np.maximum(f, 1.0) ** -B, n)
+        while np.isnan(z).mean() < 0.15:
+            start = rng.integers(20, n - 20 - width)
+            z[start : start + width] = np.nan
+        found = masked_psd(Profile(np.arange(n) * UM, z), max_filled=0.2)
+        for over, verdict in verdicts.items():
+            limit = PsdLimit(3 * UM, n * UM / 8, A=1e-24 / over, B=B)
+            judged = judge_psd(found, limit)
+            verdict.append(judged.verdict)
+            if over == 0.5 and abs(B) > 2:  # else nothing was tested
+                assert judged.worst.ratio > 5.0
+    assert "reject" not in verdicts[0.5]
+    if B < 0:  # of the steep one all bands hold more of the long waves than of their own
+        assert set(verdicts[100.0]) == {"reject"}
+
+
+def test_large_holes_do_not_save_a_part():
+    """Gaps of 100 samples are left out of the slopes: what no closing adds was taken off all the same."""
+    rng = np.random.default_rng(2)
+    z = lines(rng, lambda f: 1e-16 * (f > 0) * np.maximum(f, 1.0) ** -2.0, 4000)
+    for start in (700, 1500, 2600):
+        z[start : start + 100] = np.nan
+    found = masked_psd(Profile(np.arange(4000) * UM, z))
+    assert found.estimate == "slopes"
+    assert judge_psd(found, PsdLimit(3 * UM, 0.5 * MM, A=1e-16 / 4, B=2.0)).verdict == "reject"
+
+
+def test_white_lines_with_gaps_read_what_is_there():
+    """What closes a gap of white heights has long waves of its own, which looked like a leak of the edges."""
+    low = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        z = rng.standard_normal(2000)
+        while np.isnan(z).mean() < 0.2:
+            start = rng.integers(20, 1880)
+            z[start : start + 100] = np.nan
+        along = masked_psd(Profile(np.arange(2000) * UM, z), max_filled=0.25).one_sided[0]
+        band = (along.frequency > 2.0 / (2000 * UM)) & (along.frequency < 12.0 / (2000 * UM))
+        low.append(along.density[band].mean() / (2 * UM))
+    assert np.mean(low) == pytest.approx(1.0, abs=0.3)  # 120 values, some of them neighbours: 0.12

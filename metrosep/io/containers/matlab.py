@@ -33,7 +33,7 @@ from metrosep.io.source import HDF5_MAGIC, MAX_PIXELS, RawFile, refuse_options
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.logger import Channels
 from metrosep.io.text.measurement import columns_as_object, map_as_surface
-from metrosep.io.text.table import ColumnSpec
+from metrosep.io.text.picking import ColumnSpec
 
 __all__ = ["channels", "load", "read", "sniff"]
 

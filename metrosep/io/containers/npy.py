@@ -22,7 +22,7 @@ from metrosep.io.source import RawFile
 from metrosep.io.text import delimited
 from metrosep.io.text.matrices import declared_units
 from metrosep.io.text.measurement import FEW_COLUMNS, columns_as_object, map_as_surface
-from metrosep.io.text.table import ColumnSpec
+from metrosep.io.text.picking import ColumnSpec
 
 __all__ = ["channels", "npz", "read", "sniff"]
 
