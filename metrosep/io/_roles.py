@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -15,9 +16,11 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.runset import FORWARD, REVERSE
+from metrosep.io.own_notes import is_marked
 from metrosep.io.several_runs import BLOCKS, FoundRuns
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.encoding import ROLE_WORDS, Role
+from metrosep.io.text.picking import ColumnSpec
 from metrosep.io.text.table import Column, Table
 
 __all__ = [
@@ -28,6 +31,7 @@ __all__ = [
     "runs_in",
     "targets_in",
     "tells_direction",
+    "without_counter",
 ]
 
 
@@ -217,3 +221,46 @@ _OF_ROLE: Final = {"feed": ("speed", None), "time": ("time",)}
 def _is_a(column: Column, dimensions: Collection[str | None]) -> bool:
     """Whether a column is of one of some dimensions: the speed of a spindle is no feed."""
     return (None if column.unit is None else column.unit.dimension) in dimensions
+
+
+def without_counter(table: Table, *, given: Sequence[ColumnSpec | None]) -> Table:
+    """Return the table without a column that numbers its rows, unless the caller or metrosep itself names it."""
+    unnamed, named = table.header.get("unnamed", ()), table.header.get("named", True)
+    named = named and not any(map(is_marked, table.header.get("comments", ())))
+    texts = [g if isinstance(g, str) else g[0] for g in given if g]
+    asked = {header_unit(t)[0].casefold() for g in texts for t in (g, g.rpartition(":")[0])}
+    counters = [
+        c
+        for c in table.numbers
+        if (c.name in unnamed or (named and role_of(c.name) == "index"))
+        and header_unit(c.name)[0].casefold() not in asked
+        and c.unit is None
+        and _counts_rows(c.values)
+    ]
+    if not counters or len(table.numbers) == len(counters):
+        return table
+    said = []
+    for c in counters:
+        values = np.empty(0) if c.values is None else c.values
+        jumps = np.flatnonzero(np.diff(values) > 1.0)
+        if jumps.size:
+            i = int(jumps[0])
+            said.append(
+                f"line {int(table.lines[i + 1])}: column {c.name!r}, which numbers the rows, goes from "
+                f"{values[i]:.0f} to {values[i + 1]:.0f} ({jumps.size} such place(s)); rows may be missing there"
+            )
+    kept = tuple(c for c in table.columns if c not in counters)
+    header = {**table.header, "row_gap": said[0]} if said else table.header
+    return replace(table, columns=kept, header=header, warnings=(*table.warnings, *said))
+
+
+def _counts_rows(values: FloatArray | None) -> bool:
+    """Whether numbers rise by one from row to row, but for a few rows that were left out."""
+    steps = np.diff(values if values is not None else np.empty(0))
+    return steps.size > 0 and bool(
+        np.all(steps >= 1.0) and np.all(steps % 1.0 == 0.0) and np.mean(steps == 1.0) > _MOSTLY
+    )
+
+
+_MOSTLY = 0.9
+"""Share of the steps of a count of rows that are one."""

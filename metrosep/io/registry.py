@@ -57,7 +57,8 @@ FOLDERS_VARIABLE = "METROSEP_FORMATS"
 """Environment variable with folders (separated as in PATH) of further descriptions of text."""
 
 _INSTEAD = {
-    rb"\x28\xb5\x2f\xfd": "is compressed with Zstandard; unpack it first (unzstd FILE) and read the file inside",
+    rb"\x28\xb5\x2f\xfd": "is compressed with Zstandard; install metrosep[parquet], or unpack it first (unzstd FILE) "
+    "and read the file inside",
     rb"7z\xbc\xaf\x27\x1c": "is compressed with 7-Zip; unpack it first (7z x FILE) and read the file inside",
     rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": "is an OLE file such as an old (.xls) or a locked workbook; save it as "
     ".xlsx without a password, or export the table as CSV",

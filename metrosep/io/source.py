@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextvars
 import hashlib
 import importlib
+import importlib.util
 import io
 import os
 import threading
@@ -67,6 +68,7 @@ HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _MAX_BYTES = 2**32
 _PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\xfd7zXZ\x00": "lzma"}
 """First bytes of files that are compressed as a whole, and the module that unpacks them."""
+_ZSTD = b"\x28\xb5\x2f\xfd"
 _MAX_UNPACKED, _MAX_RATIO, _UNASKED = 2**31, 200, 2**26
 """Bytes, and times the packed size beyond some bytes, at which unpacking stops."""
 _HASH_ASIDE = 2**22
@@ -306,11 +308,18 @@ def open_file(path: str | os.PathLike[str]) -> RawFile:
     for magic, module in _PACKED.items():
         if start.startswith(magic):
             opened = partial(importlib.import_module(module).open, where, "rb")
+    if start.startswith(_ZSTD) and importlib.util.find_spec("pyarrow") is not None:
+        opened = partial(_zstandard, where)
     if opened is not None:
         return RawFile(where, _unpacked(where, opened, size), where)
     file = RawFile(where)
     file.__dict__["size"] = size  # if it is cut from here on, that is seen
     return file
+
+
+def _zstandard(path: Path) -> Any:
+    """Return a file that Zstandard packed, opened to be read."""
+    return importlib.import_module("pyarrow").input_stream(str(path), compression="zstd")
 
 
 def _only_member(path: Path) -> Callable[[], Any] | None:

@@ -659,6 +659,22 @@ def test_a_polygon_without_area_stays_open_and_red(opened: Opened, map_file: Pat
     page.wait("document.querySelector('#shapes .draw-chip') !== null")
 
 
+def test_a_polygon_that_crosses_itself_is_taken_with_a_warning(
+    opened: Opened, map_file: Path
+) -> None:
+    """Its signed area is nothing; even-odd it excludes two triangles."""
+    page = opened(map_file)
+    x, y = page.middle("#map canvas")
+    page.press("p")
+    for dx, dy in ((-80, 40), (0, 120), (-80, 120), (0, 40)):
+        for kind in ("mousePressed", "mouseReleased"):
+            page.mouse(kind, x + dx, y + dy)
+    page.press("Enter")
+    page.wait("document.querySelector('#shapes .draw-chip') !== null")
+    page.wait("document.getElementById('messages').title.includes('cross')")
+    assert page.text("#alerts") == ""
+
+
 SOCKETS = """window.sockets = []; const Real = WebSocket;
   window.WebSocket = class extends Real { constructor(address) { super(window.cut ? 'ws://127.0.0.1:9/' : address); window.sockets.push(this); } };"""
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from browser.test_access import profile_file
+from browser.test_narrow import CUT
 from browser.test_runs import EXAMPLE
 from browser.test_zoom import RUNS, turn
 
@@ -135,9 +136,12 @@ def test_a_narrow_page_keeps_its_parts_whatever_was_dragged(
 ) -> None:
     page = opened(map_file)
     try:
-        for name in SPLITS:
-            page.run(f"document.querySelector('[data-split={name}]').focus()")
-            page.press("End")
+        for key in ("Home", "End"):
+            for name in SPLITS:
+                page.run(f"document.querySelector('[data-split={name}]').focus()")
+                page.press(key)
+            page.run("new Promise((done) => setTimeout(done, 200))")
+            assert page.run(CUT) == [], key
         for width, height in [(1200, 700), (1024, 700), (700, 600), (683, 384), (320, 640)]:
             page.show(width, height)
             page.run("new Promise((done) => setTimeout(done, 100))")

@@ -205,3 +205,25 @@ def test_words_among_numbers_that_begin_late_are_refused_with_an_option_that_wor
 
     assert f"skip_lines='{LATE + 2}'" in str(refused.value)
     assert len(ms.read(path, skip_lines=str(LATE + 2), x="x_mm", z="z_um").x) == ROWS - 1
+
+
+@pytest.mark.parametrize(
+    ("options", "answer"),
+    [
+        ({"lateral_step": "10 um"}, {"z": "z_um"}),
+        ({"sampling_rate": "1 kHz"}, {"channel": "z_um"}),
+    ],
+)
+def test_rows_whose_numbers_have_a_gap_have_no_counted_place(tmp_path, options, answer):
+    path = put(tmp_path, "no;z_um", lambda k: (k + 1 + 2 * (k >= 30), Z[k]))
+
+    ((name, value),) = answer.items()
+    with pytest.raises(
+        ms.errors.FormatMismatchError, match=r"line 32: .*from 30 to 33"
+    ) as refused:
+        ms.read(path, **options)
+    assert f"{name}='{value}'" in str(refused.value)
+    read = ms.read(path, **options, **answer)
+    assert any("rows may be missing" in w for w in read.metadata["warnings"])
+    whole = put(tmp_path, "no;z_um", lambda k: (k + 1, Z[k]))
+    assert ms.read(whole, **options).metadata["warnings"] == ()

@@ -202,6 +202,7 @@ def test_the_mean_of_two_answers_holds_both():
 def test_a_displaced_run_is_found_where_it_is(model):
     """A run that shows the error of the place x - 0.5 mm is displaced by +0.5 mm."""
     moved = Extension(0.0, 24.0, K)
+    before = run_scores(model)[1]
     theta = model.post.theta
     h = np.exp(-1j * moved.wavenumbers * 0.5)
     change = filtered(theta, h) - theta
@@ -222,6 +223,9 @@ def test_a_displaced_run_is_found_where_it_is(model):
     found = run_scores(model)[1]
     assert abs(found.shift - 0.5) < 4.0 * found.u_shift
     assert found.shift > 8.0 * found.u_shift
+    # what is left of the misfit is that of the run before it was moved
+    assert found.chi2 > 3.0 * found.chi2_placed
+    assert found.chi2_placed == pytest.approx(before.chi2, abs=0.5)
 
 
 def places(rng, sd):

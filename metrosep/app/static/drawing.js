@@ -5,7 +5,7 @@
 import { chipOf, drawBar, fieldsOf, fillBar, fitButton, groupOf, linesOf, marksOf, meant, node, SECOND, shapesOf, TOOLS } from "./drawing_parts.js";
 import { makeEdits, MOST_LINES } from "./drawing_edits.js";
 import { makeHandle, wheelFactor } from "./handles.js";
-import { areaOf, gripsOf, kindOf, moved, pointText, setPixel, straightened, withCorner, withoutCorner, written } from "./shapes.js";
+import { gripsOf, kindOf, moved, pointText, setPixel, spans, straightened, withCorner, withoutCorner, written } from "./shapes.js";
 
 /** @typedef {Record<string, any>} Dict */
 /** @typedef {import("./shapes.js").Point} Point */
@@ -141,7 +141,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
 
   function close(round = false) {
     const made = pen.length < 2 ? null : unfinished(pen);
-    if (tool === "polygon" && !(areaOf(pen) > 0)) return svg.classList.add("bad"), say("A polygon has three corners or more, not all on one line.");
+    if (tool === "polygon" && !spans(pen)) return svg.classList.add("bad"), say("A polygon has three corners or more, not all on one line.");
     pen = [];
     draft = null;
     if (made) add(made.kind === "angle" && round ? { ...made, kind: "circle3" } : made);

@@ -274,13 +274,10 @@ export function dragged(tool, a, b) {
   return null;
 }
 
-/** Area within corners, m^2; 0 where they lie on a line, or are fewer than three. @param {Point[]} points */
-export function areaOf(points) {
+/** Whether corners span an area: three or more, not all on one line. One that crosses itself does. @param {Point[]} points */
+export function spans(points) {
   const [x, y] = points[0] ?? [0, 0];
-  const twice = points.reduce((sum, [ax, ay], i) => {
-    const [bx, by] = points[(i + 1) % points.length];
-    return sum + (ax - x) * (by - y) - (bx - x) * (ay - y);
-  }, 0);
-  const far = Math.max(0, ...points.map((p) => Math.hypot(p[0] - x, p[1] - y)));
-  return Math.abs(twice) > 1e-9 * far * far ? Math.abs(twice) / 2 : 0;
+  const far = points.reduce((most, p) => (Math.hypot(p[0] - x, p[1] - y) > Math.hypot(most[0] - x, most[1] - y) ? p : most), [x, y]);
+  const size = (far[0] - x) ** 2 + (far[1] - y) ** 2;
+  return points.some((p) => Math.abs((far[0] - x) * (p[1] - y) - (far[1] - y) * (p[0] - x)) > 1e-6 * size);
 }

@@ -31,15 +31,15 @@ const SPLITS = {
     put: (share) => ({ "--left-w": percent(share) }),
   },
   middle: {
-    low: 0.25, high: 0.75, across: true, span: () => [(shown("panel-map")?.left ?? room()[0]) + GAP / 2, room()[2] - GAP / 2],
+    low: 0.25, high: 0.7, across: true, span: () => [(shown("panel-map")?.left ?? room()[0]) + GAP / 2, room()[2] - GAP / 2],
     put: (share) => ({ "--map-w": share === null ? null : `${share.toFixed(4)}fr`, "--side-w": share === null ? null : `${(1 - share).toFixed(4)}fr` }),
   },
   right: {
-    low: 0.2, high: 0.8, across: false, span: () => [shown("panel-section", "panel-profile")?.top ?? room()[1], room()[3]],
+    low: 0.25, high: 0.75, across: false, span: () => [shown("panel-section", "panel-profile")?.top ?? room()[1], room()[3]],
     put: (share) => ({ "--right-at": percent(share) }),
   },
   lower: {
-    low: 0.2, high: 0.8, across: false, span: () => [room()[1], room()[3]],
+    low: 0.25, high: 0.75, across: false, span: () => [room()[1], room()[3]],
     put: (share) => ({ "--lower-at": percent(share) }),
   },
 };

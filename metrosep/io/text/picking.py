@@ -92,6 +92,11 @@ def to_si(
         raise UnitError(
             f"{file.path}: the unit of column {column.name!r} ({role}) is not known: {odd}"
         )
+    if unit is None and _COUNTS.search(column.name):
+        raise UnitError(
+            f"{file.path}: column {column.name!r} ({role}) holds counts, which are not a {dimension}; multiply them by "
+            f"what one count is, and write the column in {_usual(dimension)}"
+        )
     bracketed = re.search(r"[\[(<]\s*([^\])>]+?)\s*[\])>]\s*$", column.name)
     if unit is None and bracketed:
         raise UnitError(
@@ -148,6 +153,12 @@ def since_first_row(
         f"{unit.name}"
     )
     return since, said, Decimal(first) * Decimal(repr(unit.factor))
+
+
+_COUNTS = re.compile(
+    r"(?:^|[\s_\[(])(?:counts?|cts|incs?|increments?|inkremente?|pulses?|impulse?)\s*[\])]?$",
+    re.IGNORECASE,
+)
 
 
 def sensitivity(scale: float | str | None) -> float | None:

@@ -80,6 +80,7 @@ __all__ = [
     "interruption",
     "markers_in",
     "read_table",
+    "refuse_row_gap",
     "text_of",
     "without_empty_rows",
 ]
@@ -588,6 +589,15 @@ def without_empty_rows(table: Table) -> Table:
     return replace(
         table, columns=columns, lines=table.lines[filled], warnings=(*table.warnings, said)
     )
+
+
+def refuse_row_gap(file: RawFile, table: Table, option: str) -> None:
+    """Refuse rows whose place is counted where their own numbers have a gap: all later ones would lie too early."""
+    if (said := table.header.get("row_gap")) is not None:
+        raise FormatMismatchError(
+            f"{file.path}: {said}, and all later rows would lie too early; give the rows a column of position or "
+            f"time, or {option} to take them as they follow one another"
+        )
 
 
 def interruption(table: Table) -> tuple[str, ...]:
