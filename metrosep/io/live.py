@@ -212,7 +212,7 @@ def record(
 ) -> int:
     """Write rows to a new file, some seconds' worth at a time, until the line ends or we do; return how many.
 
-    What came before an error is in the file. A silence is reported once, when it has lasted for `patience`.
+    What came before an error is in the file. `silent` is called once when nothing came for `patience` seconds.
     """
     try:
         with file.open("x", encoding="ascii", newline="\n") as out:
