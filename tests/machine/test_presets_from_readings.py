@@ -368,10 +368,10 @@ def ballbar(machine, q, t, ball, real, rng):
 @pytest.mark.slow
 @pytest.mark.parametrize("instrument", [r_test, probed, ballbar])
 def test_95_of_100_truths_are_within_u_with_balls_of_unknown_place(instrument):
-    """200 seeds: 11 lines and 28 coefficients of the motions of the table, each by its own u."""
+    """80 seeds: 11 lines and 28 coefficients of the motions of the table, each by its own u."""
     chain, inside = presets("five_axis", pivot_height=PIVOT), {}
     round_ = np.arange(36) * np.pi / 18
-    for seed in range(200):
+    for seed in range(80):
         rng = np.random.default_rng([seed, 27])
         machine, sets = table(rng), []
         repeats = 3 if instrument is ballbar else 1
@@ -398,10 +398,10 @@ def test_95_of_100_truths_are_within_u_with_balls_of_unknown_place(instrument):
     worst = min(share, key=share.get)
     mean = float(np.mean([*share.values()]))
     print(
-        f"{instrument.__name__}: {mean:.4f} of {len(share)} x 200, worst {worst} {share[worst]:.3f}"
+        f"{instrument.__name__}: {mean:.4f} of {len(share)} x 80, worst {worst} {share[worst]:.3f}"
     )
     assert 0.93 <= mean <= 0.97
-    assert share[worst] > 0.88
+    assert share[worst] > 0.85  # four binomial deviations below 0.95
 
 
 @pytest.mark.slow
