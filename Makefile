@@ -113,9 +113,14 @@ test-clients: $(VENV)/.installed-test
 	fi; \
 	PYTHONPATH=$(CLIENTS) $(PYTEST) -m peer tests/acceptance/mecode tests/acceptance/pi $(PYTEST_FLAGS)
 
+# axe-core, which judges the pages; the package that brings it is not imported.
+$(CLIENTS)/.axe:
+	@mkdir -p $(CLIENTS)
+	@if $(PIP) install --no-deps --target $(CLIENTS) axe-playwright-python==0.1.8; then touch $@; fi
+
 # All of them; CI takes those that walk through the work of a user: BROWSER_TESTS="...".
 BROWSER_TESTS ?= tests/browser
-test-browser: $(VENV)/.installed-test
+test-browser: $(VENV)/.installed-test $(CLIENTS)/.axe
 	@status=0; bash tests/browser/install.sh $(BIN)/python || status=$$?; \
 	if [ $$status -eq 75 ]; then \
 	    echo "SKIPPED browser: Chromium cannot be installed here"; exit 0; \

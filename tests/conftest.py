@@ -103,6 +103,35 @@ def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "figure_svg", lambda *_, **__: "<svg/>")
 
 
+@pytest.fixture(scope="session")
+def _kinds_drawn() -> set[tuple[str, str]]:
+    return set()
+
+
+@pytest.fixture
+def one_figure_of_a_kind(
+    _kinds_drawn: set[tuple[str, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Draw the first figure of each kind for each sort of result; the others of a worker stay empty."""
+    import metrosep.plot
+    from metrosep.plot import style
+
+    really = style.figure_svg
+
+    def drawn(draw: Callable[..., Any], document: Any, **options: Any) -> str:
+        kind = (
+            getattr(draw, "__qualname__", repr(type(draw))),
+            repr((document.get("kind"), document.get("method"), sorted(document))),
+        )
+        if kind in _kinds_drawn:
+            return "<svg/>"
+        _kinds_drawn.add(kind)
+        return really(draw, document, **options)
+
+    for module in (metrosep.plot, style):
+        monkeypatch.setattr(module, "figure_svg", drawn)
+
+
 _MEASURED = pytest.StashKey[list[str]]()
 
 
@@ -165,7 +194,7 @@ def _no_wait_for_the_disk() -> Iterator[None]:
         yield
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def repository() -> Path:
     """Root of the checkout."""
     return REPOSITORY

@@ -14,11 +14,11 @@ LOW, HIGH = -4e-6, 61.534e-6
 STEP = (HIGH - LOW) / 65534
 
 
-def surface(factor=STEP, rows=ROWS, **more):
-    """Return what a reader must give: the lowest row first."""
+def surface(factor=STEP, rows=ROWS, options=(), **more):
+    """Return what a reader must give: the lowest row first; the caller states the order in the file."""
     z = [[None if v != v else LOW + v * factor for v in row] for row in reversed(rows)]
     return {"kind": "surface", "shape": [2, 3], "dx_m": 2e-6, "dy_m": 0.5e-6, "z_m": z,
-            "warnings_match": "nothing shows", **more}  # fmt: skip
+            "options": {"row_order": "top row first", **dict(options)}, **more}  # fmt: skip
 
 
 def nms(columns=3, rows=2, low=-4.0, high=61.534, step=2e-3):

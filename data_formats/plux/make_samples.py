@@ -13,11 +13,11 @@ from pathlib import Path
 ROWS = [[0.5, -0.25, 3.5], [1.0, float("nan"), -2.0]]  # the top row first, in um
 
 
-def surface(factor, rows=ROWS, **more):
-    """Return what a reader must give: the lowest row first."""
+def surface(factor, rows=ROWS, options=(), **more):
+    """Return what a reader must give: the lowest row first; the caller states the order in the file."""
     z = [[None if v != v else v * factor for v in row] for row in reversed(rows)]
     return {"kind": "surface", "shape": [2, 3], "dx_m": 2e-6, "dy_m": 0.5e-6, "z_m": z,
-            "warnings_match": "nothing shows", **more}  # fmt: skip
+            "options": {"row_order": "top row first", **dict(options)}, **more}  # fmt: skip
 
 
 LAYER = "<LAYER_{k}><FILENAME_Z>LAYER_{k}.raw</FILENAME_Z></LAYER_{k}>"

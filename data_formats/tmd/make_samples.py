@@ -11,11 +11,11 @@ from pathlib import Path
 ROWS = [[0.5, -0.25, 3.5], [1.0, 0.125, -2.0]]  # the top row first
 
 
-def surface(factor, rows=ROWS, **more):
-    """Return what a reader must give: the lowest row first."""
+def surface(factor, rows=ROWS, options=(), **more):
+    """Return what a reader must give: the lowest row first; the caller states the order in the file."""
     z = [[None if v != v else v * factor for v in row] for row in reversed(rows)]
     return {"kind": "surface", "shape": [2, 3], "dx_m": 2e-6, "dy_m": 0.5e-6, "z_m": z,
-            "warnings_match": "nothing shows", **more}  # fmt: skip
+            "options": {"row_order": "top row first", **dict(options)}, **more}  # fmt: skip
 
 
 def tmd(columns=3, rows=2, lengths=(6e-3, 1e-3), version=b"2.0"):

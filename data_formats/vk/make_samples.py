@@ -13,11 +13,11 @@ from pathlib import Path
 ROWS = [[900, 1, 2], [3, 65535, 7]]  # the top row first
 
 
-def surface(factor, rows=ROWS, **more):
-    """Return what a reader must give: the lowest row first."""
+def surface(factor, rows=ROWS, options=(), **more):
+    """Return what a reader must give: the lowest row first; the caller states the order in the file."""
     z = [[None if v != v else v * factor for v in row] for row in reversed(rows)]
     return {"kind": "surface", "shape": [2, 3], "dx_m": 2e-6, "dy_m": 0.5e-6, "z_m": z,
-            "warnings_match": "nothing shows", **more}  # fmt: skip
+            "options": {"row_order": "top row first", **dict(options)}, **more}  # fmt: skip
 
 
 def image(rows, *, bits=16, packing=0, size=None):
@@ -58,8 +58,8 @@ CASES = {
                    surface(100e-12, OTHER, options={"channel": "height 2"}, warnings_match="digit 0")),
     "packed.vk6": (packed(stream(image(ROWS))), surface(100e-12)),
     "lowest-row-first.vk4": (stream(image(ROWS[::-1])),
-        {k: v for k, v in surface(100e-12).items() if k != "warnings_match"}
-        | {"options": {"row_order": "smallest y first"}}),
+        surface(100e-12, options={"row_order": "smallest y first"})),
+    "rows-not-stated.vk4": (stream(image(ROWS)), {"error": "AmbiguousFormatError", "match": "row_order="}),
     "wrong-size.vk4": (stream(image(ROWS, size=9)), {"error": "CorruptFileError", "match": "bytes"}),
     "compressed.vk4": (stream(image(ROWS, packing=1)), {"error": "CorruptFileError", "match": "not compressed"}),
     "pictures-only.vk4": (stream(b""), {"error": "UnsupportedFeatureError", "match": "only pictures"}),

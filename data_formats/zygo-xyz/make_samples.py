@@ -45,10 +45,11 @@ def zygo(listed, *, size=(4, 3), lateral=0, end="\r\n", closing=True, extra=("0"
     return (end.join(lines) + end).encode("latin-1")
 
 
-def truth(rows, *, lateral=None, factor=1e-6, **more):
+def truth(rows, *, lateral=None, factor=1e-6, options=(), **more):
     z = [[None if v is None else v * factor for v in row] for row in reversed(rows)]
     shape = [len(rows), len(rows[0])]
-    return {"kind": "surface", "shape": shape, "dx_m": lateral, "dy_m": lateral, "z_m": z, **more}
+    return {"kind": "surface", "shape": shape, "dx_m": lateral, "dy_m": lateral, "z_m": z,
+            "options": {"row_order": "top row first", **dict(options)}, **more}  # fmt: skip
 
 
 def samples():

@@ -140,6 +140,7 @@ def formats_page() -> str:
     for path in sorted((ROOT / "data_formats").glob("*/format.toml")):
         described = tomllib.loads(path.read_text(encoding="utf-8"))
         entry: dict[str, Any] = described.get("format", described)
+        shown: dict[str, str] = entry.get("orientation", {})
         rows.append(
             [
                 f"``{entry.get('id', path.parent.name)}``",
@@ -148,16 +149,27 @@ def formats_page() -> str:
                 _words(entry.get("suffixes")),
                 ", ".join(verb for verb in ("reads", "writes") if entry.get(verb)),
                 _words(entry.get("status")),
-                ": ".join(map(str, entry.get("orientation", {}).values())),
+                ": ".join(shown[key] for key in ("evidence", "shown_by") if key in shown),
+                f"``{shown['tested_by']}``" if shown else "",
             ]
         )
-    header = ["id", "title", "kind", "suffixes", "does", "status", "rows of a map shown by"]
+    header = [
+        "id",
+        "title",
+        "kind",
+        "suffixes",
+        "does",
+        "status",
+        "rows of a map shown by",
+        "test",
+    ]
     lines = [*_heading("File formats", "=")]
     lines += [
         "From the descriptors in ``data_formats/``. *verified-on-real-file*: a file of a real",
         "instrument was read; *from-specification*: written from a description only;",
-        "*synthetic*: only files that we made ourselves. What the last column says about the",
-        "orientation of a map is explained in :doc:`/explanation/reading`.",
+        "*synthetic*: only files that we made ourselves. What the last columns say about the",
+        "orientation of a map is explained in :doc:`/explanation/reading`; each test fails when the",
+        "maps of its format are mirrored.",
         "",
     ]
     return "\n".join(lines + _table([header, *rows])) + "\n"

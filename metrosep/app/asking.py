@@ -10,6 +10,7 @@ from typing import Any
 from metrosep.app.first_lines import ask_for, first_lines, text_options
 from metrosep.core.errors import DataError, MetrosepError, ReadError, UnknownFormatError
 from metrosep.core.runset import RunSet
+from metrosep.core.text_options import ROW_ORDERS
 
 __all__ = [
     "ONE_FEED",
@@ -18,6 +19,7 @@ __all__ = [
     "are_runs",
     "ask_channel",
     "ask_columns",
+    "ask_rows",
     "ask_text",
     "fewest_feeds",
     "holds_columns",
@@ -127,6 +129,20 @@ def ask_channel(file: Path, given: Mapping[str, Any], why: MetrosepError) -> Ask
         "hint": "",
     }
     return Ask(words, "channel", str(file), [field])
+
+
+def ask_rows(file: Path, given: Mapping[str, Any], why: MetrosepError) -> Ask | None:
+    """Return the question which row of a map is on top; nothing is proposed, since a guess would be taken."""
+    if "row_order=" not in str(why) or "row_order" in given:
+        return None
+    field = {
+        "name": "row_order",
+        "label": "Order of the rows in the file: compare the map with the picture of the instrument",
+        "value": "",
+        "choices": list(ROW_ORDERS),
+        "hint": ROW_ORDERS[1],
+    }
+    return Ask(str(why).partition(";")[0], "row_order", str(file), [field])
 
 
 def ask_columns(files: Sequence[Path], given: Mapping[str, Any], why: str) -> Ask:

@@ -159,7 +159,7 @@ def _folder(session: Session, path: Any) -> Path:
     if not path:
         home = None if session.opened is None else session.opened.home.parent
         inside = home is not None and places.inside(str(home)) and not places.is_upload(home)
-        path = str(home) if inside else str(places.roots[0]) if places.roots else ""
+        path = str(home) if inside else _last_folder(places)
     found = places.inside(str(path))
     if found is None:
         words = ", ".join(map(str, places.roots)) or "none"
@@ -170,6 +170,13 @@ def _folder(session: Session, path: Any) -> Path:
     if not found.is_dir():
         raise ReadError(f"{path}: is not a folder")
     return found
+
+
+def _last_folder(places: Places) -> str:
+    """Return the folder that was opened last of those that may be; else the first of them."""
+    last = (str(Path(p[0]).parent) for p in _recent())
+    first = [str(root) for root in places.roots]
+    return next((f for f in (*(f for f in last if places.inside(f)), *first)), "")
 
 
 def _entries(places: Places, folder: Path) -> Sequence[_Entry]:
@@ -197,8 +204,7 @@ def _followed(places: Places, file: Path) -> list[_Entry]:
     """Return the entry of one file, its folder unread; none where it is gone or leads outside."""
     with suppress(OSError):
         facts = file.stat()
-        inside = not file.is_symlink() or places.inside(str(file)) is not None
-        if inside and stat.S_ISREG(facts.st_mode):
+        if places.inside(str(file)) is not None and stat.S_ISREG(facts.st_mode):
             return [_Entry(file, is_folder=False, size=facts.st_size, seconds=facts.st_mtime)]
     return []
 

@@ -17,6 +17,7 @@ import tempfile
 import threading
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
@@ -24,6 +25,7 @@ from typing import Any, Generic, TypeVar, cast
 from metrosep.app.view_tables import view_of, with_view
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, MetrosepError, ReadError, WriteError
+from metrosep.core.inside import reading_inside
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.written.extends import Admits
 
@@ -470,6 +472,10 @@ class Places:
         """Folders that may be read and written."""
         own = () if self._uploads is None else (self._uploads,)
         return (*self._roots, *own)
+
+    def guarding(self) -> AbstractContextManager[None]:
+        """Refuse meanwhile to read through links that lead out of the opened folders."""
+        return reading_inside(self.roots)
 
     def add(self, folder: Path) -> None:
         """Open another folder."""

@@ -7,6 +7,7 @@ import os
 import threading
 import tomllib
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -16,6 +17,7 @@ import numpy as np
 from metrosep.app.documents import Edit, RecipeDocument, refuse_open, refuse_other_result
 from metrosep.app.evaluations import Evaluations
 from metrosep.app.opening import Opened
+from metrosep.app.separations import MethodResults
 from metrosep.app.sessions import Session, mark_of
 from metrosep.app.wire import Answer, Cancel, Message, Tell, number_or_none, plain, text_of
 from metrosep.core.errors import DataError, ReadError, UnsupportedFeatureError
@@ -155,7 +157,7 @@ def report(session: Session, message: Message, cancel: Cancel, tell: Tell) -> An
 
         return render_html(result.document).encode("utf-8")
 
-    page = made_of(opened.material, "report", recipe.recorded["text"], make)
+    page = made_of(opened.material, "report", _told(opened, recipe), make)
     return header, {"html": np.frombuffer(page, dtype=np.uint8)}
 
 
@@ -175,7 +177,20 @@ def full_result(session: Session, cancel: Cancel, tell: Tell) -> Result:
 
 
 def result_of(opened: Opened, recipe: Recipe, cancel: Cancel, tell: Tell) -> Result:
-    """Return what a recipe makes of what was opened."""
+    """Return what a recipe makes of what was opened, as `metrosep run` has it."""
+    from metrosep.recipe.report_fields import report_of
+
+    found = _numbers_of(opened, recipe, cancel, tell)
+    material = opened.material
+    if isinstance(material, MethodResults):  # a run of its own, with all that a report states
+        return found
+    source = material.obj if isinstance(material, Evaluations) else material.runs(recipe)
+    stated = report_of(recipe, opened.files, found.document, source.metadata)
+    return replace(found, document={**found.document, **stated})
+
+
+def _numbers_of(opened: Opened, recipe: Recipe, cancel: Cancel, tell: Tell) -> Result:
+    """Return what follows from the data and the steps: it is made once, whatever a report states."""
     material = opened.material
     if not isinstance(material, Evaluations):
         tell({"k": "progress", "words": "computing"})
@@ -196,6 +211,13 @@ def result_of(opened: Opened, recipe: Recipe, cancel: Cancel, tell: Tell) -> Res
 
     found: Result = made_of(material, "result", recipe.recorded["text"], make)
     return found
+
+
+def _told(opened: Opened, recipe: Recipe) -> str:
+    """Return what a page follows from: the recipe, its [report] and the head that lies beside the file."""
+    from metrosep.recipe.report_fields import report_hash
+
+    return f"{recipe.recorded['text']}\0{report_hash(recipe, opened.files)}"
 
 
 def made_of(

@@ -1,8 +1,8 @@
 """Buttons beside what went wrong: each is an edit of the recipe that was tried before it is offered.
 
 An error carries what helps as data (`MetrosepError.hints`). Else its message names the key, as a
-recipe has it (``lateral_step = "... um" in [input]``): what it names with a value is an edit; dots
-are a question of the page.
+recipe has it (``lateral_step = "... um" in [input]``): a word or a plain number is an edit; dots, and
+a quantity with its unit, which is an example there, are a question of the page.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["mends_of_edit", "mends_of_refusal", "mends_of_step", "mends_of_table
 _KEY = re.compile(
     r'(?<![\w.\-"])([a-z_]\w*) = ("[^"]*"|\[[^\[\]]*\]|true|false|-?\d[\d.]*)(?: (in \[input\]))?'
 )
-_ORDER = re.compile(r"\bstep (\d+) evaluates what step \d+ ")
+_QUANTITY = re.compile(r'"[-+]?\d[\d.]*(?:e[-+]?\d+)? ?[^\s\d"][^\s"]*"')
 _MOST = 3
 """Buttons under one message."""
 
@@ -48,9 +48,11 @@ def mends_of_step(
 def mends_of_refusal(document: RecipeDocument, error: MetrosepError) -> list[dict[str, Any]]:
     """Return what may be done where steps and limits do not fit together, so that nothing is judged."""
     steps = document.recipe.steps
-    order = _ORDER.search(str(error))
-    if order is not None:
-        k = int(order[1]) - 1
+    table = error.table if isinstance(error, RecipeError) else None
+    if table is not None and any(
+        "intermediate" in hint for hint in error.hints
+    ):  # it came too early
+        k = table[1]
         stored = _old(document, ["step", k])
         moved = [
             {"path": ["step", k], "old": stored, "new": None},
@@ -61,7 +63,6 @@ def mends_of_refusal(document: RecipeDocument, error: MetrosepError) -> list[dic
             *_named(error, ["step", k]),
         ]
     else:
-        table = error.table if isinstance(error, RecipeError) else None
         found = []
         if table is not None and table[0] == "[[check]]":
             removed = {"path": ["check", table[1]], "new": None}
@@ -125,7 +126,9 @@ def _places(document: RecipeDocument, edits: Sequence[Edit]) -> Iterator[list[st
 def _mend(hint: Mapping[str, Any], places: Sequence[Sequence[Any]]) -> dict[str, Any]:
     edits = [{"path": [*p], "new": v} for p, v in zip(places, hint.values(), strict=True)]
     said = ", ".join(f"{k.replace('_', ' ')} = {_shown(v)}" for k, v in hint.items())
-    return {"label": f"Set {said}", "edits": edits, "ask": None}
+    gone = [k.replace("_", " ") for k, v in hint.items() if v is None]
+    label = f"Remove {', '.join(gone)}" if len(gone) == len(hint) else f"Set {said}"
+    return {"label": label, "edits": edits, "ask": None}
 
 
 def _shown(value: Any) -> str:
@@ -145,9 +148,12 @@ def _named(error: MetrosepError | str, place: list[Any]) -> Iterator[dict[str, A
         seen.add(key)
         where = ["input", key] if in_input else [*place, key]
         value = _value(typed)
-        if "..." in typed:
-            unit = typed.strip('"').replace("...", "").strip()
-            ask = {"label": key.replace("_", " "), "hint": f"such as 3 {unit}" if unit else ""}
+        if "..." in typed or _QUANTITY.fullmatch(typed):
+            example = typed.strip('"').replace("...", "3").strip()
+            ask = {
+                "label": key.replace("_", " "),
+                "hint": "" if example == "3" else f"such as {example}",
+            }
             label, edit = f"Give the {ask['label']}\u2026", {"path": where, "new": None}
             yield {"label": label, "edits": [edit], "ask": ask}
         elif value is not None:

@@ -19,6 +19,7 @@ from metrosep.app.asking import (
     are_runs,
     ask_channel,
     ask_columns,
+    ask_rows,
     ask_text,
     fewest_feeds,
     holds_columns,
@@ -70,7 +71,9 @@ Kind: TypeAlias = Literal["map", "profile", "runs", "method"]
 Material: TypeAlias = Evaluations | Separations | MethodResults
 Read: TypeAlias = Callable[..., Any]
 
-READING = ("unit", "lateral_step", "channel", "format", "x", "z", "scale", *TEXT_OPTIONS)
+READING = (
+    "unit", "lateral_step", "row_order", "channel", "format", "x", "z", "scale", *TEXT_OPTIONS,
+)  # fmt: skip
 """Options of a reader that a recipe of a map or profile keeps in ``[input]``."""
 
 _LONGEST_NAME = 100
@@ -425,7 +428,7 @@ def _obj(file: Path, reading: Mapping[str, Any], read: Read | None) -> Surface |
     except (UnitError, FormatMismatchError) as exc:
         raise _question(file, reading, exc) from None
     except ReadError as exc:
-        raise ask_text(file, reading, exc) or exc from None
+        raise ask_rows(file, reading, exc) or ask_text(file, reading, exc) or exc from None
     if isinstance(obj, Surface | Profile):
         return obj
     if "x" not in reading and holds_columns(file, given=reading):

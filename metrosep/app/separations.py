@@ -23,6 +23,7 @@ from metrosep.core.runset import RunSet
 from metrosep.core.units import format_engineering
 from metrosep.recipe.pipeline import CancelledError
 from metrosep.recipe.recipe import Recipe
+from metrosep.recipe.report_fields import report_hash
 from metrosep.recipe.result import Result
 from metrosep.recipe.run import read_inputs, separate_inputs, separated_result, table_basis
 from metrosep.separation.runs.base import ErrorEstimate
@@ -123,7 +124,8 @@ class MethodResults:
         if not recipe.is_method or recipe.is_pipeline:
             raise DataError(f"{recipe.name}: is not a recipe of a named method")
         files = None if recipe.reads_nothing else self.files
-        found: Result = self._results.of(_shown(recipe), lambda: recipe.run(files), cancel)
+        key = f"{_shown(recipe)}\0{report_hash(recipe, files or ())}"
+        found: Result = self._results.of(key, lambda: recipe.run(files), cancel)
         return found
 
 

@@ -50,6 +50,7 @@ from metrosep.app.view_tables import (
 from metrosep.app.wire import Answer, Arrays, Cancel, Message, Tell, error_header, level_of, pack
 from metrosep.core.errors import DataError, MetrosepError, RecipeError, WriteError
 from metrosep.core.exit_codes import exit_code_of
+from metrosep.core.inside import carried
 from metrosep.core.profile import Profile
 from metrosep.core.sections import section_profile
 from metrosep.core.surface import Surface
@@ -443,14 +444,15 @@ class Answers:
         kind = message.get("k")
         if not isinstance(kind, str) or kind not in KINDS:
             raise DataError(f"there is no request {kind!r}; there are {', '.join(KINDS)}")
-        if kind in _OWN:
-            header, arrays = getattr(self, f"_{kind}")(message)
-        elif kind in _PICTURES:
-            header, arrays = getattr(self.pictures, kind)(message, cancel)
-        else:
-            module, _, name = _ELSEWHERE[kind].partition(":")
-            function = getattr(import_module(f"metrosep.app.{module}"), name)
-            header, arrays = function(self.session, message, cancel, tell)
+        with self.session.places.guarding():
+            if kind in _OWN:
+                header, arrays = getattr(self, f"_{kind}")(message)
+            elif kind in _PICTURES:
+                header, arrays = getattr(self.pictures, kind)(message, cancel)
+            else:
+                module, _, name = _ELSEWHERE[kind].partition(":")
+                function = getattr(import_module(f"metrosep.app.{module}"), name)
+                header, arrays = function(self.session, message, cancel, tell)
         return {"k": kind, "ok": True, **header}, arrays
 
     def _hello(self, message: Message) -> Answer:
@@ -800,5 +802,5 @@ def start_warm_up() -> Callable[[], None]:
         except Exception:  # nothing depends on it: what fails here is told when it is used
             logging.getLogger("metrosep").debug("warm-up", exc_info=True)
 
-    threading.Thread(target=work, daemon=True, name="warm-up").start()
+    threading.Thread(target=carried(work), daemon=True, name="warm-up").start()
     return stop.set

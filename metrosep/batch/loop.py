@@ -26,6 +26,7 @@ from typing import Any
 from metrosep.batch.units import Unit
 from metrosep.batch.work import Task, WorkerDiedError, do_unit, record_failure
 from metrosep.core.errors import DataError
+from metrosep.core.inside import inside_of, keep_inside
 
 __all__ = ["Stop", "WorkerDiedError", "executor", "parse_scheduler", "work_through"]
 
@@ -275,12 +276,16 @@ def make_executor(kind: str, workers: int, client: Any = None) -> Executor:
     if kind == "serial":
         return _Serial()
     if kind == "threads":
-        return ThreadPoolExecutor(workers, thread_name_prefix="metrosep-batch")
+        return ThreadPoolExecutor(
+            workers, "metrosep-batch", initializer=keep_inside, initargs=(inside_of(),)
+        )
     if kind == "dask":
         return client.get_executor(pure=False, retries=0)  # type: ignore[no-any-return]
     context = multiprocessing.get_context("spawn")
     workers = min(workers, 61) if os.name == "nt" else workers  # as many as Windows waits for
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker)
+    return ProcessPoolExecutor(
+        workers, mp_context=context, initializer=_begin_worker, initargs=(inside_of(),)
+    )
 
 
 def is_broken(error: BaseException | None) -> bool:
@@ -291,8 +296,9 @@ def is_broken(error: BaseException | None) -> bool:
     return isinstance(error, BrokenExecutor) or type(error).__name__ in lost
 
 
-def _begin_worker() -> None:
+def _begin_worker(roots: tuple[str, ...]) -> None:
     """Set a new process up: one BLAS thread, no Ctrl-C of its own, an end with its parent."""
+    keep_inside(roots)
     for name in _THREADS:
         os.environ[name] = "1"
     with contextlib.suppress(ValueError):  # not the main thread

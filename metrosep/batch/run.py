@@ -162,7 +162,11 @@ def run_batch(
     found = find_units(loaded, source, out=target)
     if not found.units and watch is None:
         raise ReadError(_nothing(loaded, source, found))
-    first = (*require_own_source(target, source), *guard_notes(loaded))
+    first = (
+        *require_own_source(target, source),
+        *guard_notes(loaded),
+        *_one_number(loaded, found),
+    )
     task = Task(
         text=loaded.text,
         name=loaded.name,
@@ -442,6 +446,19 @@ def told_index(
             kind = "" if isinstance(exc, MetrosepError) else f"{type(exc).__name__}: "
             lost.append(f"index.{name} was not written: {kind}{' '.join(str(exc).split())}")
     return document, (*lost, *_messages(document))
+
+
+def _one_number(recipe: Recipe, found: Found) -> tuple[str, ...]:
+    """Return that the reports of several units would have one number."""
+    number = {**recipe.report, **recipe.typed}.get("number", "")
+    if not number or "{" in number or len(found.units) < 2:
+        return ()
+    return (
+        (
+            f'[report] number = "{number}" is the same for {len(found.units)} units, and a report is known '
+            f'by its number; put a part of the name into it: "{number}-{{file}}"'
+        ),
+    )
 
 
 def _messages(document: Mapping[str, Any]) -> Iterator[str]:

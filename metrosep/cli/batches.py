@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -115,7 +116,8 @@ def batch(
     if report.out is not None:
         page = report.out / "index.html"
         say(f"index    {page if page.is_file() else report.out / 'index.json'}")
-        say_next("report", report.out, "--format", "xlsx", "-o", "reports")
+        best = "xlsx" if find_spec("xlsxwriter") else "csv"
+        say_next("report", report.out, "--format", best, "-o", "reports")
     return code
 
 

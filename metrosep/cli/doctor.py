@@ -42,7 +42,7 @@ def _findings() -> dict[str, dict[str, str | None]]:
 
     versions: dict[str, str | None] = {
         "metrosep": __version__,
-        "python": platform.python_version(),
+        "python": f"{platform.python_version()} ({sys.executable})",
         "system": f"{platform.system()} {platform.machine()}",
     }
     declared = metadata("metrosep")

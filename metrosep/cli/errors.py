@@ -43,6 +43,14 @@ _PLACES = ("x", "y", "z")
 """Options whose names a message also uses for a place in m."""
 
 
+def _machine_facts() -> set[str]:
+    """Return the names that ``--machine NAME=VALUE`` takes, of all controllers."""
+    from metrosep.controllers.options import LIMIT_NAMES
+    from metrosep.controllers.registry import describe, find
+
+    return {*LIMIT_NAMES, *(o.name for d in describe() for o in find(d.id).options)}
+
+
 def _place(name: str, number: str) -> str:
     """Return a place in m as a reader wants it; the text itself where it is not a number."""
     digits = number.rstrip(".")
@@ -65,6 +73,8 @@ def as_options(message: str, names: Collection[str]) -> str:
     >>> as_options("give scale='2.5 um/V', or decimal=", ("scale", "decimal"))
     'give --scale "2.5 um/V", or --decimal'
     """
+    takes_facts = "facts" in names or ("machine" in names and {"waive", "against"} & {*names})
+    facts = _machine_facts() if takes_facts else ()
 
     def option(found: re.Match[str]) -> str:
         before = found.string[: found.start()]
@@ -79,6 +89,8 @@ def as_options(message: str, names: Collection[str]) -> str:
         if "settings" in names and found.group(1) in _READER_OPTIONS - set(names):
             return f'--set "{found.group(1)}={value or "..."}"'
         if found.group(1) not in names:
+            if found.group(1) in facts:
+                return f'--machine "{found.group(1)}={value or "..."}"'
             return found.group()
         if value and not re.fullmatch(r"[\w.+:-]+", value):
             value = f'"{value}"'
@@ -98,7 +110,7 @@ def as_options(message: str, names: Collection[str]) -> str:
         )
     if "table_" in names or "format_" in names:
         new = r"--format \1" if "format_" in names else r"--table \1=FILE"
-        message = re.sub(r"\bcontroller='(\w+)'", new, message)
+        message = re.sub(r"\bcontroller='([\w-]+)'", new, message)
     if "table_direction" in names:  # --direction names a column of the runs
         ways = r"direction=(['\"])(auto|both|split|forward|reverse)\1"
         message = re.sub(rf"(?<![\w.-]){ways}", r"--table-direction \2", message)

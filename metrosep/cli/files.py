@@ -380,20 +380,18 @@ def _of_item(
     place: Place,
     what: str,
 ) -> Iterator[Exception]:
-    import difflib
-
     from metrosep.core.errors import DataError
+    from metrosep.core.readable import did_you_mean
     from metrosep.recipe.pipeline import checked_step
     from metrosep.recipe.schema import checked_table
     from metrosep.recipe.steps import MEASURING
 
     kind = item.get(selector, "") if selector else ""
     if not isinstance(kind, str) or kind not in kinds:
-        near = difflib.get_close_matches(str(kind), list(kinds), n=1)
-        hint = f'; did you mean "{near[0]}"?' if near else ""
+        hint = did_you_mean(kind, kinds)
         known = ", ".join(f'"{k}"' for k in kinds)
         yield place.error(
-            f"{what} needs {selector} = one of {known}, found {kind!r}{hint}", selector
+            f"{what} needs {selector} = one of {known}, found {kind!r}.{hint}", selector
         )
         return
     title = what + (f" ({kind})" if kind else "")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,13 +33,18 @@ if TYPE_CHECKING:
 __all__ = ["demo", "print_named", "progress", "recipe_words", "run", "separate"]
 
 
+_AT_ONCE = 0.5
+"""Seconds in which nobody wants to know what a command is at."""
+
+
 def progress(context: click.Context) -> Callable[[str], None]:
     """Return what is shown of the steps of a run: nothing where the user wants quiet."""
     told = context.obj if isinstance(context.obj, dict) else {}
+    began = time.monotonic()
 
     def tell(message: str) -> None:
         told["phase"] = message  # for what a long command is at
-        if not told.get("quiet"):
+        if not told.get("quiet") and time.monotonic() - began > _AT_ONCE:
             say(f"metrosep: {message}")
 
     return tell

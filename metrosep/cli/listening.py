@@ -17,15 +17,7 @@ from metrosep.cli.options import say
 __all__ = ["listen"]
 
 
-_GAUGES = r"""
-Examples:
-  metrosep listen tcp://192.168.0.20:5000 --columns x_mm,z_um -o run1.csv
-  metrosep listen serial:/dev/ttyUSB0:9600 --columns z_mm --ask "1\r" --line "01A{}" -o run1.csv
-  halsampler -n 6000 | metrosep listen - --columns x_mm,z_um -o run1.csv
-"""
-
-
-@click.command(epilog=f"\b{_GAUGES}")
+@click.command()
 @click.argument("source")
 @click.option(
     "--columns",
@@ -80,7 +72,13 @@ def listen(
         say(f"{source}: recording to {file.name}; Ctrl-C ends it")
         with _until_signalled() as is_ended:
             try:
-                record(chunks, table, file, every=pause, seconds=end, is_ended=is_ended)
+                record(
+                    chunks, table, file, every=pause, seconds=end, is_ended=is_ended,
+                    silent=lambda pause: say(
+                        f"{source}: nothing came for {pause:.0f} s; is the gauge on, its cable plugged in, and "
+                        "no other program on its line? The recording goes on"
+                    ),
+                )  # fmt: skip
             except KeyboardInterrupt:
                 say("ended by hand")
             else:

@@ -7,11 +7,11 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from metrosep.cli.error_files import terms_of
 from metrosep.cli.options import (
     F,
     chain_of,
@@ -23,6 +23,7 @@ from metrosep.cli.options import (
     name_values,
     phase,
     say,
+    say_next,
     tool_option,
 )
 
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from metrosep.controllers.base import Prepared
     from metrosep.machine.chains import Chain
 
-__all__ = ["machine_tables", "point_of", "terms_of", "volume"]
+__all__ = ["machine_tables", "point_of", "volume"]
 
 _MOST_BYTES = 2**26
 _PICOMETRE = 1e-12
@@ -147,17 +148,20 @@ def machine_tables(
         )
     kinds = chain.dimensions
     at = _places(options["places"], kinds)
+    steps = _steps(over, kinds, options["spacing"])
     terms, known = terms_of(errors, kinds)
+    corrects = (
+        None if options["corrects"] is None else _names(options["corrects"], "--corrects", None)
+    )
+    lacking = {} if grid else _lacking(chain, name, over, corrects, options)
+    _require_said(chain, over, at, lacking, known, options)
     common: dict[str, Any] = {
         "over": over,
-        "positions": _positions(over, kinds, known, options),
+        "positions": _positions(steps, _spans(over, kinds, known, options)),
         "at": at,
-        "corrects": None
-        if options["corrects"] is None
-        else _names(options["corrects"], "--corrects", None),
+        "corrects": corrects,
         "reference": _reference(options["reference"], over, kinds),
     }
-    _require_said(chain, over, at, {} if grid else lacking_facts(name, options["facts"]))
     if options["tool"] is not None:
         common["tool"] = point_of(options["tool"])
     folder = Path(out)
@@ -166,23 +170,61 @@ def machine_tables(
     found = carry_out(chain, terms, common, name, folder, options, force=force)
     if as_json:
         click.echo(json.dumps(found, sort_keys=True, allow_nan=False))
+    else:  # what stays is read in another place, with the tables active
+        own = [
+            w
+            for o in ("pivot_height", "radius")
+            if options[o]
+            for w in (f"--{o.replace('_', '-')}", options[o])
+        ]
+        say_next("calibrate", machine, "NEW.csv", *own)
     return 0
+
+
+def _lacking(
+    chain: Chain,
+    controller: str,
+    over: Sequence[str],
+    corrects: Sequence[str] | None,
+    options: Mapping[str, Any],
+) -> dict[str, str]:
+    """Return the facts of a controller that no option states: what names the corrected axis, of each file."""
+    from metrosep.controllers.options import APART
+
+    found = lacking_facts(controller, options["facts"])
+    axes = corrects or [e.name for e in chain.elements if e.kind == "linear" and not e.parked]
+    if len(over) > 2 or len(axes) < 2:
+        return found
+    each = {f"machine {name}=..." for name in APART["compensates"]}
+    return {
+        option.replace("machine ", f"machine {'-'.join((*over, axis)).lower()}.")
+        if axis
+        else option: text
+        for option, text in found.items()
+        for axis in (axes if option in each else ("",))
+    }
 
 
 def _require_said(
     chain: Chain,
     over: Sequence[str],
     at: Mapping[str, float],
-    lacking: Mapping[str, str] = MappingProxyType({}),
+    lacking: Mapping[str, str],
+    known: Mapping[str, tuple[float, float]],
+    options: Mapping[str, Any],
 ) -> None:
-    """Refuse a call that leaves the place of an axis open, or a fact of the controller, all at once."""
+    """Refuse a call that leaves a travel, a place or a fact of the controller open, all at once."""
+    kinds = chain.dimensions
+    stated = {axis for axis, _ in name_values(options["spans"], "--span")}
     missing = [*lacking]
-    for e in chain.elements:
+    unknown = [a for a in over if a in kinds and a not in stated and a not in known]
+    missing += [f"span {_travel_of(axis, kinds)}" for axis in unknown]
+    for e in sorted(chain.elements, key=lambda e: (e.kind == "rotary", e.name)):
         if e.kind != "fixed" and not e.parked and e.name not in (*over, *at):
-            place = "0 deg" if e.kind == "rotary" else "0 mm"
-            missing.append(f"at {e.name}={place}")
+            missing.append(f'at "{e.name}=0 {"deg" if e.kind == "rotary" else "mm"}"')
     if missing:
-        raise missing_options(missing, None, *lacking.values())
+        why = f"no error of {' or '.join(unknown)} says how far it goes" if unknown else ""
+        raise missing_options(missing, None, *dict.fromkeys(lacking.values()), why)
 
 
 @click.command()
@@ -246,7 +288,7 @@ def volume(
 
         readings = read_reading_set(options["proof"], chain)
     at = _places(options["places"], kinds)
-    _require_said(chain, over, at)
+    _require_said(chain, over, at, {}, known, options)
     place: dict[str, Any] = {}
     if options["tool"] is not None:
         place["tool"] = point_of(options["tool"])
@@ -562,6 +604,7 @@ def _prepared(
             )
     ready: list[Prepared] = []
     lookups: dict[tuple[tuple[str, ...], str], Callable[..., Any]] = {}
+    stated: dict[str, dict[str, Any]] = {}
     with tempfile.TemporaryDirectory(prefix="metrosep-machine-") as temporary:
         for key, (table, error, size) in wanted.items():
             place = folder / f"{stems[key]}{dialect.info.suffix}"
@@ -590,6 +633,13 @@ def _prepared(
                 for (stem, _, k), v in sorted(own, key=lambda named: bool(named[0][0]))
                 if stem.lower() in ("", stems[key])
             }
+            stated[stems[key]] = {
+                "axis": key[0],
+                "compensates": key[1],
+                "file": stems[key],
+                **facts,
+            }
+            _require_apart(dialect, stated)
             prepared = prepare(
                 table,
                 place,
@@ -609,6 +659,23 @@ def _prepared(
             "no axis needs a correction here: the ERRORS do not move the tool point"
         )
     return _in_one_file(dialect, ready, lookups, folder), lookups
+
+
+def _require_apart(dialect: Any, files: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse files for one control that name one axis for two, or that replace each other there."""
+    from metrosep.controllers.options import APART
+
+    *before, last = files
+    for role, names in APART.items():
+        for option in (o for o in dialect.options if o.name in names):
+            own = str(files[last].get(option.name, option.default))
+            for stem in before:
+                there = str(files[stem].get(option.name, option.default))
+                if own == there != "None" and files[stem][role] != files[last][role]:
+                    raise click.UsageError(
+                        f"{stem} and {last} have the same {option.name}, {own}: the control would take one for "
+                        f"the other ({option.help}); state it of each, --machine {last}.{option.name}=..."
+                    )
 
 
 def _in_one_file(dialect: Any, ready: list[Prepared], keys: Iterable[Any], folder: Path) -> Any:
@@ -737,29 +804,31 @@ def point_of(text: str) -> tuple[float, ...]:
     return tuple(parse_quantity(p.strip(), dimension="length", name="--tool") for p in parts)
 
 
+def _steps(over: Sequence[str], kinds: Mapping[str, str], text: str) -> dict[str, float]:
+    """Return the wanted spacing along each looked-up axis."""
+    each = dict(name_values(tuple(text.split(",")), "--spacing")) if "=" in text else {}
+    found = {}
+    for axis in over:
+        if axis not in kinds:
+            raise click.UsageError(
+                f"--over: the machine has no axis {axis!r}; it has {', '.join(kinds)}"
+            )
+        found[axis] = _place(each.get(axis, text), axis, kinds, f"--spacing of {axis}")
+        if not found[axis] > 0:
+            raise click.UsageError(f"{axis}: the spacing must be above zero")
+    return found
+
+
 def _positions(
-    over: tuple[str, ...],
-    kinds: Mapping[str, str],
-    known: Mapping[str, tuple[float, float]],
-    options: dict[str, Any],
+    steps: Mapping[str, float], spans: Mapping[str, tuple[float, float]]
 ) -> dict[str, Any]:
     """Return the nodes of each looked-up axis: as near to the spacing as whole steps allow."""
     import numpy as np
 
-    spans = _spans(over, kinds, known, options)
-    found = {}
-    each = (
-        dict(name_values(tuple(options["spacing"].split(",")), "--spacing"))
-        if "=" in options["spacing"]
-        else {}
-    )
-    for axis, (low, high) in spans.items():
-        text = each.get(axis, options["spacing"])
-        step = _place(text, axis, kinds, f"--spacing of {axis}")
-        if not step > 0:
-            raise click.UsageError(f"{axis}: the spacing must be above zero")
-        found[axis] = np.linspace(low, high, max(2, round((high - low) / step) + 1))
-    return found
+    return {
+        axis: np.linspace(low, high, max(2, round((high - low) / steps[axis]) + 1))
+        for axis, (low, high) in spans.items()
+    }
 
 
 def _spans(
@@ -780,15 +849,7 @@ def _spans(
         )
     found = {}
     for axis in over:
-        if axis not in kinds:
-            raise click.UsageError(
-                f"--over: the machine has no axis {axis!r}; it has {', '.join(kinds)}"
-            )
-        if axis not in stated and axis not in known:
-            raise click.UsageError(
-                f"no error of {axis} says how far it goes: give --span {_travel_of(axis, kinds)}"
-            )
-        low, high = stated.get(axis, known.get(axis, (0.0, 0.0)))
+        low, high = stated[axis] if axis in stated else known[axis]
         if not high > low:
             raise click.UsageError(f"{axis}: the travel must rise")
         found[axis] = (low, high)
@@ -798,95 +859,3 @@ def _spans(
 def _travel_of(axis: str, kinds: Mapping[str, str]) -> str:
     """Return how the travel of an axis is typed."""
     return f'"{axis}=0 deg..360 deg"' if kinds.get(axis) == "angle" else f'"{axis}=0 mm..400 mm"'
-
-
-# ---- files of errors ----------------------------------------------------------------------------
-
-
-def terms_of(
-    files: Sequence[str], kinds: Mapping[str, str]
-) -> tuple[Any, dict[str, tuple[float, float]]]:
-    """Return the error terms of files, and how far each axis is known by all of its terms."""
-    from metrosep.io.term_files import read_term_table
-    from metrosep.machine.elements import axis_of
-    from metrosep.machine.error_sets import ErrorSet
-
-    values: dict[str, Any] = {}
-    spreads: dict[str, str] = {}
-    known: dict[str, list[tuple[float, float]]] = {}
-    for file in _term_files(files):
-        read = _of_toml(file, spreads) if file.endswith(".toml") else read_term_table(file, kinds)
-        for name, (value, span) in read.items():
-            if name in values:
-                raise click.UsageError(f"{file}: {name} is given twice")
-            values[name] = value
-            axis = axis_of(name)
-            if span is not None and axis is not None:
-                known.setdefault(axis, []).append(span)
-    common = {a: (max(s[0] for s in v), min(s[1] for s in v)) for a, v in known.items()}
-    return ErrorSet(values, u=spreads), common
-
-
-def _term_files(given: Sequence[str]) -> list[str]:
-    """Return the files, those of a folder that 'calibrate' or 'identify' wrote in its place."""
-    found: list[str] = []
-    for file in given:
-        folder = Path(file)
-        if not folder.is_dir():
-            found.append(file)
-            continue
-        found += _calibrated(folder)
-    return found
-
-
-def _calibrated(folder: Path) -> list[str]:
-    """Return the files of the terms that the calibration of a folder found; older ones are not its own."""
-    from metrosep.core.errors import DataError
-    from metrosep.io.term_files import term_file
-
-    try:
-        terms = json.loads((folder / "calibration.json").read_text("utf-8"))["terms"]
-    except (OSError, ValueError, KeyError, TypeError):
-        raise click.UsageError(
-            f"{folder} is a folder without calibration.json and its terms: give a folder that 'calibrate' "
-            "wrote, or the files of errors"
-        ) from None
-    found = []
-    files: dict[str, bool] = {}
-    for name, term in terms.items():
-        file = term_file(name, is_constant=term["basis"] == "constant")
-        files[file] = files.get(file, False) or term["values"] is not None
-    for file, is_known in files.items():
-        if (folder / file).is_file():
-            found.append(str(folder / file))
-        elif is_known:
-            raise DataError(f"{folder / file}: the calibration names it, and it is not there")
-    return found
-
-
-def _of_toml(
-    file: str, spreads: dict[str, str]
-) -> dict[str, tuple[Any, tuple[float, float] | None]]:
-    """Return constants, and results of separations, of a TOML file; u of constants join the spreads."""
-    from metrosep.core.errors import DataError
-    from metrosep.machine.chain_files import toml_table
-    from metrosep.recipe.result import load_document, stored_estimate
-
-    found: dict[str, tuple[Any, tuple[float, float] | None]] = {}
-    for name, value in toml_table(file).items():
-        if not isinstance(value, str):
-            raise DataError(
-                f'{file}: {name} = {value!r}; a text is needed: a value with its unit, "2 um", or a result, '
-                '"folder/result.json"'
-            )
-        if value.endswith(".json"):
-            estimate = stored_estimate(load_document(Path(file).parent / value))
-            found[name] = (estimate, estimate.fit_range)
-        else:
-            found[name] = (value, None)
-    for key in [k for k in found if k.startswith("u_")]:
-        name = key.removeprefix("u_")
-        if name not in found or found[name][1] is not None or found[key][1] is not None:
-            raise DataError(f"{file}: {key} is the uncertainty of a constant that is not there")
-        spreads[name] = found.pop(key)[0]
-    return found

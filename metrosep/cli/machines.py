@@ -19,6 +19,7 @@ from metrosep.cli.options import (
     option_words,
     phase,
     say,
+    say_next,
 )
 from metrosep.cli.shortcut import list_of, listed, own_recipe, quoted
 
@@ -151,6 +152,25 @@ def calibrate(
     click.echo(result.produced.found.report())
     for file in result.files:
         say(f"wrote {file}")
+    if out is not None:
+        own = [
+            w
+            for o in ("pivot_height", "radius")
+            if options[o]
+            for w in (f"--{o.replace('_', '-')}", options[o])
+        ]
+        say_next(
+            "machine-tables",
+            machine,
+            out,
+            *own,
+            "--over",
+            "AXIS",
+            "--spacing",
+            "STEP",
+            "-o",
+            "tables",
+        )
     return 0
 
 
@@ -223,7 +243,7 @@ def read(
     """
     import numpy as np
 
-    from metrosep.cli.machine_tables import terms_of
+    from metrosep.cli.error_files import terms_of
     from metrosep.io.reading_sets import read_reading_set
 
     chain = chain_of(machine, options)

@@ -6,7 +6,7 @@ import importlib
 import os
 import re
 import sys
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import click
@@ -77,6 +77,21 @@ def _is_place(param: click.Parameter) -> bool:
     return any(w in words for w in ("FILE", "DIR", "FOLDER", "MACHINE", "RESULT", "SET", "MAP"))
 
 
+class _Choice(click.Choice[Any]):
+    """A choice whose refusal names the nearest word."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the choice that was typed."""
+        try:
+            return super().convert(value, param, ctx)
+        except click.BadParameter as exc:
+            from metrosep.core.readable import did_you_mean
+
+            raise click.BadParameter(
+                f"{exc.message}{did_you_mean(value, self.choices)}", ctx, param
+            ) from None
+
+
 class _Commands(click.Group):
     """A group that lists its commands without loading them."""
 
@@ -106,6 +121,12 @@ class _Commands(click.Group):
                 option.callback = _require_place
             if _is_place(option):
                 option.type = _Place()
+            if type(option.type) is click.Choice:
+                option.type = _Choice(option.type.choices, option.type.case_sensitive)
+        if "format_help_text" not in vars(command):
+            vars(command)["format_help_text"] = partial(
+                _help_text, type(command), command, cmd_name
+            )
         return command
 
     def resolve_command(
@@ -135,6 +156,22 @@ class _Commands(click.Group):
             formatter.write_text("\b\n" + "\n".join(_EXAMPLES))
 
 
+def _help_text(
+    kind: type[click.Command],
+    command: click.Command,
+    name: str,
+    ctx: click.Context,
+    formatter: click.HelpFormatter,
+) -> None:
+    """Write what a command does, and calls to copy, which are loaded for this page only."""
+    from metrosep.cli.examples import EXAMPLES
+
+    kind.format_help_text(command, ctx, formatter)
+    formatter.write_paragraph()
+    with formatter.indentation():
+        formatter.write_text("\b\nExamples:\n" + "\n".join(f"  {v}" for v in EXAMPLES[name]))
+
+
 def _other_door(args: list[str]) -> list[str]:
     """Return the call that ``identify MACHINE FILE`` and ``table --from-machine MACHINE`` are."""
     if args[0] == "identify":
@@ -147,6 +184,8 @@ def _other_door(args: list[str]) -> list[str]:
     _, is_joined, value = args[at].partition("=")
     after = at + (1 if is_joined else 2)
     machine = [value] if is_joined else args[at + 1 : after]
+    if not machine:  # still to come: 'table' says so, and a shell completes the machines
+        return args
     return ["machine-tables", *machine, *args[1:at], *args[after:]]
 
 
@@ -246,6 +285,11 @@ def _all_missing(error: click.ClickException, words: list[str]) -> str:
         for p in error.ctx.command.params
         if p.required and isinstance(p, click.Option) and not given & {*p.opts}
     ]
+    if "pivot_height" in {p.name for p in error.ctx.command.params}:  # the command takes presets
+        from metrosep.recipe.methods.ops_machine import PRESET_NEEDS
+
+        needs = [f"--{PRESET_NEEDS[w][0].replace('_', '-')}" for w in words if w in PRESET_NEEDS]
+        lacking += [option for option in needs if option not in {*given, *lacking}]
     first = error.format_message().rstrip(".") if isinstance(error.param, click.Argument) else ""
     if len(lacking) + bool(first) < 2:
         return ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -250,7 +251,8 @@ def measure(
     if out is not None:
         for path in recipe.run([files[0]], out=out, progress=phase).files:
             say(f"{'report' if path.suffix == '.html' else 'result':8} {path}")
-        say_next("report", out, "--format", "pdf", "-o", "reports")
+        own = () if find_spec("typst") else ("--pdf-engine", "matplotlib")
+        say_next("report", out, "--format", "pdf", *own, "-o", "reports")
     return next((c for c in _WORST_FIRST if c in codes), 0)
 
 
@@ -494,7 +496,11 @@ def _print_measured(name: str, found: Mapping[str, Any]) -> None:
     "--robust", type=click.Choice(["tukey", "huber"]), help="Reduce the weight of outliers."
 )
 @click.option(
-    "--tilt", type=click.Choice(["plane", "rotation"]), default="plane", show_default=True
+    "--tilt",
+    type=click.Choice(["plane", "rotation"]),
+    default="plane",
+    show_default=True,
+    help="A tilted part is a plane that is added, or the turned form.",
 )
 @click.option(
     "--direction",
@@ -587,6 +593,8 @@ def form(
         click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
     else:
         click.echo(result.report())
+        if residual is not None:
+            say_next("path", "IN.nc", "--error", residual, "-o", "OUT.nc")
     return 0
 
 
@@ -663,7 +671,12 @@ _CODES = {"verified": 0, "differs": 1, "not verified": 3}
     show_default=True,
     help="Kind of the profile in the file; R: it is filtered already.",
 )
-@click.option("--edition", default="ISO 4287:1997", show_default=True)
+@click.option(
+    "--edition",
+    default="ISO 4287:1997",
+    show_default=True,
+    help='Standard of the parameters, such as "ISO 21920-2:2021".',
+)
 @click.option("--sections", type=int, help="Sampling lengths; as many as fit if omitted.")
 @click.option("--centre", is_flag=True, help="Subtract the mean of each section.")
 @click.option(

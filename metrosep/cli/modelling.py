@@ -19,14 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["air", "identified", "predict", "rank"]
 
-_RANKING = """\b
-Examples:
-  metrosep rank sts_lathe --form "sphere: R=50 mm" --radius "15 mm" --all-lengths "1 um"
-  metrosep rank my_lathe.toml --form "sphere: R=50 mm" --radius "15 mm" --error "EXX=1 um"
-"""
 
-
-@click.command(epilog=_RANKING)
+@click.command()
 @click.argument("machine")
 @click.option("--form", required=True, metavar="FORM", help='"toric: Rb=265 mm, Rd=132.5 mm" ...')
 @click.option("--radius", required=True, metavar="LENGTH", help='Radius of the part: "20 mm".')
@@ -80,7 +74,12 @@ Examples:
     type=click.Choice(["normal", "uniform"]),
     help="Values are standard uncertainties (default) or half-widths.",
 )
-@click.option("--spindle-errors", type=click.Choice(["co-rotating", "fixed"]))
+@click.option(
+    "--spindle-errors",
+    type=click.Choice(["co-rotating", "fixed"]),
+    help="Errors of the spindle turn with the part (co-rotating) or stay in the machine (fixed). "
+    "Default: that of the preset.",
+)
 @tool_option
 @click.option("-o", "--out", metavar="DIR", help="Folder for report, table and result.json.")
 @click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ import click
 
 from metrosep.cli.options import name_values
 from metrosep.cli.shortcut import input_lines, listed, quoted, typed
+from metrosep.core.readable import did_you_mean
 from metrosep.core.text_options import TEXT_OPTIONS
 
 if TYPE_CHECKING:
@@ -41,8 +41,7 @@ def require_columns(
 
     known = ["joint", "kono", "mean", *METHODS]
     if options["method"] not in known:
-        near = difflib.get_close_matches(str(options["method"]), known, n=1)
-        hint = f" Did you mean {near[0]}?" if near else ""
+        hint = did_you_mean(options["method"], known)
         raise click.UsageError(
             f"--method {options['method']!r} is not one of joint, kono, mean, or the named "
             f"separations that 'metrosep ops' lists.{hint}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import re
 import textwrap
@@ -15,6 +14,7 @@ import click
 
 from metrosep.cli.named import COLUMN_OPTIONS
 from metrosep.cli.options import json_option
+from metrosep.core.readable import did_you_mean
 
 if TYPE_CHECKING:
     from metrosep.core.methods import Method
@@ -57,8 +57,7 @@ def ops(name: str | None, as_json: bool) -> int:
     if name is not None:
         rows = [row for row in rows if row["op"] == name]
         if not rows:
-            near = difflib.get_close_matches(name, [*STEPS, *METHODS], n=1)
-            hint = f" Did you mean {near[0]}?" if near else ""
+            hint = did_you_mean(name, [*STEPS, *METHODS])
             raise click.UsageError(f"there is no step {name!r}; 'metrosep ops' lists them.{hint}")
     if as_json:
         click.echo(json.dumps(rows, sort_keys=True))

@@ -17,6 +17,7 @@ from metrosep.cli.options import (
     phase,
     read_aloud,
     say,
+    say_next,
 )
 
 if TYPE_CHECKING:
@@ -198,6 +199,8 @@ def path(
     _print(result)
     say(f"wrote {result.target}")
     say(f"wrote {result.sidecar}")
+    if not points:  # the error of the part that is cut with it goes on top
+        say_next("path", result.target, "--error", "NEW.x3p", "--again", "-o", "NEXT.nc")
     return 0
 
 
@@ -221,7 +224,8 @@ def _poses(
     as_json: bool,
 ) -> int:
     """Correct a list of machine positions, or a program, for the errors of the machine."""
-    from metrosep.cli.machine_tables import point_of, terms_of
+    from metrosep.cli.error_files import terms_of
+    from metrosep.cli.machine_tables import point_of
     from metrosep.controllers.gcode.machine_programs import is_program, rewrite_machine_program
     from metrosep.controllers.gcode.poses import rewrite_poses
     from metrosep.core.numbers import quantity

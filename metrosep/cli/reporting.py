@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from metrosep.cli.options import json_option, name_values, phase, report_option, say
+from metrosep.core.readable import did_you_mean
 
 if TYPE_CHECKING:
     from metrosep.report.comparison import Comparison, Row
@@ -276,8 +276,7 @@ def _writers(
     known = report_formats()
     wanted = list(dict.fromkeys(f.strip().lower() for f in formats.split(",") if f.strip()))
     unknown = [name for name in wanted if name not in known]
-    found = difflib.get_close_matches(unknown[0], known, n=1) if unknown else []
-    near = f' Did you mean "{found[0]}"?' if found else ""
+    near = did_you_mean(unknown[0], known) if unknown else ""
     if unknown or not wanted:
         raise click.UsageError(
             f"Unknown report format {unknown[0] if unknown else formats!r}. Available: "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from metrosep.core.readable import did_you_mean
 from metrosep.core.text_options import TEXT_OPTIONS
 
 if TYPE_CHECKING:
@@ -115,10 +115,9 @@ def _with_own(
         if key in stated and key != "waive":
             raise click.UsageError(f"{label}: {name} is given twice")
         if facts is not None and key not in known and fact not in facts:
-            near = difflib.get_close_matches(key, [*known, *facts], n=1)
-            hint = f"; did you mean {near[0]}?" if near else ""
+            hint = did_you_mean(key, [*known, *facts])
             raise click.UsageError(
-                f"{label}: there is no option {name!r}{hint} A table has {', '.join(known)}; "
+                f"{label}: there is no option {name!r}.{hint} A table has {', '.join(known)}; "
                 f"{controller} {', '.join(facts)}"
             )
         stated.append(key)

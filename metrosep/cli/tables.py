@@ -328,8 +328,8 @@ def _own_axis(options: dict[str, Any], lacking: dict[str, str]) -> dict[str, str
     axis = options.get("axis") or options.get("compensates")
     if axis is None:
         lacking["axis"] = (
-            "the list does not say which axis was measured, such as --axis X; the table corrects that "
-            "axis along itself"
+            "--axis X, or another: the list does not name the axis that was measured, which the table corrects "
+            "along itself"
         )
         return {}
     if options.get("compensates") not in (None, axis):

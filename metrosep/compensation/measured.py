@@ -463,7 +463,8 @@ def own_runs(
             return Own(
                 runs,
                 made_it=True,
-                why="the readings come from files that made it, but are not the ones that did",
+                why="the file is one that made it, but its rows were read in another way than for the table: "
+                "name the same columns and options as then",
             )
     if folds is None and any("cells_of_sha256" in r.metadata for r in runs):
         return Own(

@@ -387,7 +387,7 @@ def _uncertainty(
         slope = _u_slope(e, d, heat) if on_axis else 0.0
         bands.append(np.hypot(_u_from_zero(e, d, p, zero, other), (p - zero) * slope))
         known &= e.has_covariance and math.isfinite(slope)
-        found[way] = EntryCovariance(p, partial(_from_zero, e, d, zero, slope, other))
+        found[way] = EntryCovariance(p, _FromZero(e, d, zero, slope, other))
     band = np.max(bands, axis=0)
     return band if np.isfinite(band).all() else None, found if known else {}
 
@@ -403,24 +403,27 @@ def _sources(
     return [(error, {"forward": 1, "reverse": -1}.get(direction))]
 
 
-def _from_zero(
-    estimate: ErrorEstimate,
-    direction: int | None,
-    zero: float,
-    u_slope: float,
-    other: tuple[ErrorEstimate, int | None] | None,
-    p: FloatArray,
-) -> FloatArray:
-    """Return the covariance of ``e(p) - e(zero)``, shape (n, n), m^2; see `_u_from_zero`."""
-    line = u_slope**2 * np.outer(p - zero, p - zero)
-    if other is not None:
-        of_zero = float(other[0].sd([zero], direction=other[1])[0])
-        return estimate.covariance(p, direction=direction) + of_zero**2 + line
-    whole = estimate.covariance(np.append(p, zero), direction=direction)
-    out = whole[:-1, :-1] - whole[:-1, -1:] - whole[-1:, :-1] + whole[-1, -1] + line
-    at = p == zero  # exactly zero there, where rounding leaves 1e-33
-    out[at], out[:, at] = 0.0, 0.0
-    return np.asarray(out)
+@dataclass(frozen=True, slots=True, eq=False)
+class _FromZero:
+    """Covariance of ``e(p) - e(zero)``; see `_u_from_zero`. A table that holds it can be saved."""
+
+    estimate: ErrorEstimate
+    direction: int | None
+    zero: float  # m
+    u_slope: float
+    other: tuple[ErrorEstimate, int | None] | None
+
+    def __call__(self, p: FloatArray) -> FloatArray:
+        """Return the covariance at positions, shape (n, n), m^2."""
+        line = self.u_slope**2 * np.outer(p - self.zero, p - self.zero)
+        if self.other is not None:
+            of_zero = float(self.other[0].sd([self.zero], direction=self.other[1])[0])
+            return self.estimate.covariance(p, direction=self.direction) + of_zero**2 + line
+        whole = self.estimate.covariance(np.append(p, self.zero), direction=self.direction)
+        out = whole[:-1, :-1] - whole[:-1, -1:] - whole[-1:, :-1] + whole[-1, -1] + line
+        at = p == self.zero  # exactly zero there, where rounding leaves 1e-33
+        out[at], out[:, at] = 0.0, 0.0
+        return np.asarray(out)
 
 
 def _u_from_zero(

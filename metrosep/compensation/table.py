@@ -7,6 +7,7 @@ Between entries the correction is linear, outside constant, as controllers do.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
@@ -440,6 +441,7 @@ class CompensationTable(Corrections, PublicObject):
         if stated.get("entries_sha256") != self._digest():
             raise TableError("it was changed since it was made")
         source: ErrorEstimate | PitchErrors
+        direction: Direction
         if isinstance(error, RunSet):
             source = pitch_errors_of(
                 error,
@@ -448,14 +450,18 @@ class CompensationTable(Corrections, PublicObject):
                 unit="rad" if is_rotary(self.axis) else "m",
                 heat=self.heat,
             )
+            # whether each direction has its column was settled with all cycles
+            both = source.forward is not None and source.reverse is not None
+            settled: Direction = "split" if both and self.reverse is not None else "both"
+            direction = settled if stated["direction"] == "auto" else stated["direction"]
         else:
-            source = error
+            source, direction = _settled(error, stated), stated["direction"]
         return type(self).from_error(
             source,
             positions=self.positions,
             axis=self.axis,
             compensates=self.compensates,
-            direction=stated["direction"],
+            direction=direction,
             reference=self.reference,
             reference_direction=self.reference_direction,
             heat=self.heat if self.heat.is_stated and isinstance(error, ErrorEstimate) else None,
@@ -578,6 +584,18 @@ class CompensationTable(Corrections, PublicObject):
                 else format_amount(self.compensates, self.interpolation_error),
             },
         )
+
+
+def _settled(error: ErrorEstimate, stated: Mapping[str, Any]) -> ErrorEstimate:
+    """Return an estimate of fewer runs whose lost motion counts where it counted with all of them.
+
+    Two runs each way show it; the single one that is left without the others has no u.
+    """
+    had = next((v for k, v in stated.items() if k.startswith("lost_motion_")), None)
+    lost = error.lost_motion
+    if had is None or lost is None or not math.isfinite(lost.value):
+        return error
+    return replace(error, lost_motion=replace(lost, u=0.0) if had else None)
 
 
 def _notes(

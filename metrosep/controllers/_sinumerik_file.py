@@ -375,7 +375,10 @@ def read_tables(assignments: list[Assignment], path: Path) -> dict[int, CecTable
 def check_turns(axis: str, key: str, turns: bool) -> None:
     """Refuse an axis whose name contradicts what is said about it."""
     if is_rotary(axis) != turns:
-        raise DataError(f"the axis is {axis}, but {key}={turns}: a turning axis is in degrees")
+        raise DataError(
+            f"the table has axis {axis}, which {'does not turn' if turns else 'turns'}: say "
+            f"{key}={not turns} (a file has degrees for an axis that turns, else mm)"
+        )
 
 
 def check_count(

@@ -421,8 +421,8 @@ def _require_sign(info: DialectInfo, confirmed: bool) -> None:
     if info.sign == "unconfirmed" and not confirmed:
         raise SignNotConfirmedError(
             f"the sign of {info.id} ({info.title}) is not known from its documents: {info.sign_status}; "
-            "write a trial with one bump (trial_table or trial_map of metrosep.compensation, or --trial "
-            "on the command line), see on the machine which way it moves, then say sign_confirmed=True"
+            "write a trial with one bump ('metrosep table' with --trial; in Python trial_table or trial_map "
+            "of metrosep.compensation), see on the machine which way it moves, then say sign_confirmed=True"
         )
 
 

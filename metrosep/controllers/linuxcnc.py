@@ -133,6 +133,7 @@ class LinuxCNC(Dialect):
         """Return bare triples."""
         o = self.filled(options)
         joint_type, angular = o["joint_type"], o["joint_type"] == "angular"
+        _refuse_two_units(table)
         if not table.is_on_axis and o["cross_axis"] != "hal":
             raise TableError(
                 f"a LinuxCNC compensation file corrects its own joint, this table is {table.axis} -> "
@@ -238,8 +239,8 @@ def _unit(o: Mapping[str, Any]) -> tuple[float, str]:
     return _ANGULAR[o["angular_units"]] if angular else _LINEAR[o["linear_units"]]
 
 
-def _check_type(table: CompensationTable, joint_type: str) -> None:
-    """Refuse degrees for a joint in mm, and the other way round."""
+def _refuse_two_units(table: CompensationTable) -> None:
+    """Refuse a table with positions in degrees and corrections in mm, or the other way round."""
     turns = [a for a in (table.axis, table.compensates) if is_rotary(a)]
     if turns and not table.is_on_axis:
         raise TableError(
@@ -247,6 +248,11 @@ def _check_type(table: CompensationTable, joint_type: str) -> None:
             "file has one unit for positions and corrections; write controller='linuxcnc-lincurve' "
             "(one direction), which has one for each"
         )
+
+
+def _check_type(table: CompensationTable, joint_type: str) -> None:
+    """Refuse degrees for a joint in mm, and the other way round."""
+    turns = [a for a in (table.axis, table.compensates) if is_rotary(a)]
     if bool(turns) != (joint_type == "angular"):
         wanted = "angular" if turns else "linear"
         raise DataError(

@@ -14,12 +14,14 @@ from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Limits
 from metrosep.core import numbers
 from metrosep.core.errors import DataError, LimitError, TableError, UnitError
+from metrosep.core.readable import did_you_mean
 from metrosep.core.units import format_length, parse_quantity
 
 if TYPE_CHECKING:
     from metrosep.compensation.table import CompensationTable
 
 __all__ = [
+    "APART",
     "ENTRY_SIGN",
     "INCREMENT",
     "INTERVAL",
@@ -49,6 +51,17 @@ __all__ = [
 ]
 
 LIMIT_NAMES = tuple(f.name for f in fields(Limits))
+
+APART = {
+    "compensates": (
+        "output_axis", "corrected_axis", "compensated_axis", "target_joint", "target_motor", "axis_number",
+    ),
+    "axis": (
+        "input_axis", "column_axis", "moving_axis", "source_joint", "source_motor", "master_number",
+    ),
+    "file": ("table_index",),
+}  # fmt: skip
+"""Options that name the corrected axis, the looked-up axis and the file to a control: not the same for two."""
 
 LIMIT_DIMENSIONS = {
     "stroke": "length",
@@ -201,7 +214,7 @@ def split_machine(
     if unknown:
         raise DataError(
             f"unknown machine limit {unknown[0]!r}; known: {', '.join(LIMIT_NAMES)}; options of "
-            f"{controller}: {', '.join(sorted(own)) or 'none'}"
+            f"{controller}: {', '.join(sorted(own)) or 'none'}.{did_you_mean(unknown[0], [*LIMIT_NAMES, *own])}"
         )
     return options, limits
 

@@ -9,6 +9,7 @@ import re
 
 from metrosep.controllers.base import Dialect, DialectInfo
 from metrosep.core.errors import DataError
+from metrosep.core.readable import did_you_mean
 
 __all__ = ["describe", "find", "names"]
 
@@ -88,7 +89,8 @@ def find(controller: str) -> Dialect:
     """
     if controller not in _places():
         raise DataError(
-            f"unknown controller {controller!r}; there are {', '.join(map(repr, _places()))}"
+            f"unknown controller {controller!r}; there are {', '.join(map(repr, _places()))}."
+            f"{did_you_mean(controller, _places())}"
         )
     module, name = _places()[controller]
     made: Dialect = getattr(importlib.import_module(module), name)()

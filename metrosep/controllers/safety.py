@@ -19,6 +19,7 @@ from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.compensation.sampling import rounded_spacing
 from metrosep.controllers.base import DialectInfo, Encoded
 from metrosep.core.errors import DataError, LimitError, TableError
+from metrosep.core.readable import did_you_mean
 
 __all__ = [
     "CHECKS",
@@ -70,7 +71,10 @@ def checked_waivers(waive: str | Sequence[str]) -> tuple[str, ...]:
     names = waived_names(waive)
     unknown = [n for n in names if n not in CHECKS]
     if unknown:
-        raise DataError(f"waive={unknown[0]!r} is not a check; there are {', '.join(CHECKS)}")
+        hint = did_you_mean(unknown[0], CHECKS)
+        raise DataError(
+            f"waive={unknown[0]!r} is not a check; there are {', '.join(CHECKS)}.{hint}"
+        )
     return names
 
 

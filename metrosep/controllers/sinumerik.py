@@ -139,7 +139,10 @@ class SinumerikCec(Repeating):
 
     options = (
         Option(
-            "input_axis", "name of the machine axis that is looked up, AX1", "text", required=True
+            "input_axis",
+            "name of the machine axis that is looked up, such as AX1",
+            "text",
+            required=True,
         ),
         *_SHARED,
         flag("modulo", "the table repeats, for an axis that turns on"),

@@ -9,13 +9,13 @@ is taken, how it is written in a recipe and after ``--set``, and what it measure
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, dataclass, field as new_field
 from typing import Any, Literal
 
 from metrosep.core.errors import InvalidSamplesError, OptionError, UnitError
 from metrosep.core.limits import FROM_FIT, Limit, parse_limit
+from metrosep.core.readable import did_you_mean
 from metrosep.core.units import TYPICAL, parse_quantity, unit_dimension
 
 __all__ = ["KINDS", "Kind", "Option", "checked", "option", "options_of"]
@@ -141,9 +141,7 @@ def not_one_of(name: str, value: Any, known: Iterable[Any]) -> str:
     if isinstance(value, int) and value.bit_length() > _BITS:
         value = "a number beyond all measure"
     texts = [str(c) for c in known]
-    near = difflib.get_close_matches(str(value), texts, n=1)
-    hint = f' Did you mean "{near[0]}"?' if near else ""
-    return f"{name} = {value!r} is not one of {', '.join(texts)}.{hint}"
+    return f"{name} = {value!r} is not one of {', '.join(texts)}.{did_you_mean(value, texts)}"
 
 
 _BITS = 64
@@ -244,8 +242,7 @@ def _column(value: Any, name: str, bare: bool) -> Any:
         raise OptionError("column, unit and scale are texts, in quotes")
     if isinstance(value, dict):
         for key in (k for k in value if k not in known):
-            near = difflib.get_close_matches(key, sorted(known), n=1)
-            hint = f' Did you mean "{near[0]}"?' if near else ""
+            hint = did_you_mean(key, sorted(known))
             raise OptionError(f'unknown key "{key}"; known: column, unit, scale.{hint}')
     raise OptionError('a column is its name, or { column = "X", unit = "mm" }')
 

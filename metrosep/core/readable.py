@@ -7,11 +7,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from metrosep.core.units import format_length, parse_unit
 
-__all__ = ["digits_of", "readable_text", "readable_unit", "typed_number", "typeset", "value_text"]
+__all__ = [
+    "did_you_mean",
+    "digits_of",
+    "readable_text",
+    "readable_unit",
+    "typed_number",
+    "typeset",
+    "value_text",
+]
 
 PREFIXED = {"m": "length", "rad": "angle", "s": "time"}
 _SMALL = 0.1
@@ -162,3 +170,17 @@ def readable_text(message: str) -> str:
 
     words = _IN_SI.sub(replaced, _ABOUT_SI.sub("", message))
     return _LONG.sub(lambda found: digits_of(float(found.group())), words)
+
+
+def did_you_mean(word: object, known: Iterable[object]) -> str:
+    """Return the question whether the nearest known word was meant, after a blank; empty where none is near."""
+    import difflib
+
+    text = str(word)
+    names = {str(k).lower(): str(k) for k in known}
+    near = difflib.get_close_matches(text.lower(), names, n=1) if len(text) <= _LONGEST else []
+    return f' Did you mean "{names[near[0]]}"?' if near else ""
+
+
+_LONGEST = 200
+"""Characters of a word that is compared; what is longer is a text."""

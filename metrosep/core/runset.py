@@ -241,10 +241,10 @@ def _format_travel(
 
 def _check_time(t: FloatArray, run_id: str) -> None:
     if not np.isfinite(t).all():
-        i = int(np.flatnonzero(~np.isfinite(t))[0])
+        bad = np.flatnonzero(~np.isfinite(t))
         raise InvalidSamplesError(
-            f"run {run_id!r}: the time of sample {i} is {t[i]}; give every sample its time in seconds, "
-            "or the sampling rate instead"
+            f"run {run_id!r}: no time for {bad.size} of {t.size} samples, the first is sample {bad[0]}; "
+            "leave these rows out (a row that is not there is a gap), or give the sampling rate instead"
         )
     if t[-1] < t[0]:
         raise InvalidSamplesError(

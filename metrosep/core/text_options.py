@@ -1,4 +1,4 @@
-"""The options by which a caller describes the layout of a text: declared once, taken by every door."""
+"""The options by which a caller describes the layout of a file: declared once, taken by every door."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from metrosep.core.errors import ReadError
 
-__all__ = ["TEXT_OPTIONS", "TextOptions", "accepted_options"]
+__all__ = ["ROW_ORDERS", "TEXT_OPTIONS", "TextOptions", "accepted_options"]
 
 TEXT_OPTIONS: Final = {
     "separator": "Column separator, if it cannot be detected: tab, space, comma, semicolon.",
@@ -24,6 +24,9 @@ TEXT_OPTIONS: Final = {
     "sheet": "Worksheet, table or array of a file that holds several, by its name.",
 }
 """Names and help of the options of every command and function that reads text."""
+
+ROW_ORDERS: Final = ("smallest y first", "top row first")
+"""Order of the rows of a map in a file; the second is turned on reading."""
 
 _RANGE = re.compile(r"\s*(\d+)(?:\s*-\s*(\d+))?\s*")
 _NO_MARKER = frozenset({"", "()", "none"})

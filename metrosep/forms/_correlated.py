@@ -48,6 +48,8 @@ _BEYOND, _EACH = (2, 4, 7, 10, 13), 6
 """Degrees above these of which some polynomials say where a spectrum that is flat begins to fall."""
 _TIED = 1e-13
 """Of a column: what is left of it beside the columns before it is rounding below this."""
+_SETTLED = 1e-13
+"""A half width is found where a step changes it by less than this share, in rounding."""
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
 """Of the largest height: a smaller residual is rounding."""
 _NOTHING = 0.02
@@ -550,16 +552,26 @@ def _bound(law: FloatArray, order: FloatArray, s2: float, left: float) -> FloatA
 
 
 def _of_mixture(weights: FloatArray, sd: FloatArray, freedom: FloatArray, n: int) -> FloatArray:
-    """Return u of which t(n) u holds COVERAGE of Student distributions with these deviations (k, p)."""
-    from scipy.special import stdtr
+    """Return u of which t(n) u holds COVERAGE of Student distributions with these deviations (k, p).
 
-    most = max(expanding_factor(float(v)) for v in np.unique(freedom))
-    low, high = np.zeros(sd.shape[1]), most * sd.max(axis=0)
+    What an interval holds rises with its half width and bends down: Newton's steps from 0 never pass the
+    answer, and double its digits at the end.
+    """
+    from scipy.special import gammaln, stdtr
+
+    nu = freedom[:, None]
+    sd = np.maximum(sd, np.maximum(1e-100 * sd.max(axis=0), np.finfo(np.float64).tiny))
+    peak = np.exp(gammaln(0.5 * (nu + 1.0)) - gammaln(0.5 * nu)) / np.sqrt(np.pi * nu)
+    half = np.zeros(sd.shape[1])
     for _ in range(50):
-        middle = 0.5 * (low + high)
-        short = weights @ (2.0 * stdtr(freedom[:, None], middle / sd) - 1.0) < COVERAGE
-        low, high = np.where(short, middle, low), np.where(short, high, middle)
-    return np.asarray(high / expanding_factor(n))
+        t = half / sd
+        held = weights @ (2.0 * stdtr(nu, t) - 1.0)
+        rise = weights @ (2.0 * peak * (1.0 + t * t / nu) ** (-0.5 * (nu + 1.0)) / sd)
+        step = np.maximum((COVERAGE - held) / rise, 0.0)
+        half = half + step
+        if np.all(step <= _SETTLED * half):
+            break
+    return np.asarray(half / expanding_factor(n))
 
 
 def _beside(Q: FloatArray, x: FloatArray, y: FloatArray, top: int, *, is_line: bool) -> FloatArray:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from metrosep.core.errors import DataError, UnitError
+from metrosep.core.readable import did_you_mean
 from metrosep.core.units import parse_quantity
 from metrosep.forms.base import Form
 
@@ -52,7 +53,10 @@ def form_from_text(text: str) -> Form:
     name, _, rest = text.partition(":")
     key = name.strip().lower().replace("-", "_").replace(" ", "_")
     if key not in _BUILDERS:
-        raise DataError(f"there is no form {name.strip()!r}; there are: {', '.join(form_names())}")
+        hint = did_you_mean(key, form_names())
+        raise DataError(
+            f"there is no form {name.strip()!r}; there are: {', '.join(form_names())}.{hint}"
+        )
     if key == "expression":
         return _expression(rest)
     return _BUILDERS[key](_pairs(rest, text))

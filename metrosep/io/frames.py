@@ -197,6 +197,7 @@ _FRAMES: Mapping[str, Callable[[Any], Any]] = {
     "ErrorEstimate": _estimate,
     "CompensationTable": _table,
     "CompensationMap": _map,
+    "FormDeviation": lambda d: d.table.to_frame(),
     "Wavefront": _wavefront,
     "SpiralPath": _spiral,
     "ToolSetting": _fields,

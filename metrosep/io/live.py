@@ -36,6 +36,8 @@ _LOST = "overrun"
 """Line of LinuxCNC's ``halsampler`` where its buffer was full and samples are gone."""
 _QUIET = 0.2
 """Seconds between looks at a line that says nothing."""
+_SILENT = 10.0
+"""Seconds of silence after which it is said: a pulled cable ends no connection."""
 Chunks = Callable[[], bytes | None]
 """Give what came, nothing (b"") after a moment of silence, None at the end."""
 
@@ -205,16 +207,19 @@ def record(
     seconds: float | None = None,
     tell: Callable[[int], None] = lambda n: None,
     is_ended: Callable[[], bool] = lambda: False,
+    silent: Callable[[float], None] = lambda seconds: None,
+    patience: float = _SILENT,
 ) -> int:
     """Write rows to a new file, some seconds' worth at a time, until the line ends or we do; return how many.
 
-    What came before an error is in the file.
+    What came before an error is in the file. A silence is reported once, when it has lasted for `patience`.
     """
     try:
         with file.open("x", encoding="ascii", newline="\n") as out:
             out.write(",".join(table.names) + "\n")
             out.flush()
             begin, last = time.monotonic(), -math.inf
+            heard, is_told = begin, False
             waiting: list[str] = []
 
             def keep() -> None:
@@ -229,6 +234,11 @@ def record(
                     for row in table.feed(chunk):  # what comes before an error is kept
                         waiting.append(row)  # noqa: PERF402
                     now = time.monotonic()
+                    if chunk:
+                        heard, is_told = now, False
+                    elif now - heard >= patience and not is_told:
+                        is_told = True
+                        silent(now - heard)
                     if waiting and now - last >= every:
                         keep()
                         last = now

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import CheckedArray, FloatArray
 from metrosep.core.errors import (
+    AmbiguousFormatError,
     DataError,
     FormatMismatchError,
     ReadError,
@@ -27,6 +28,7 @@ from metrosep.core.errors import (
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import ROW_ORDERS
 from metrosep.io.source import MAX_PIXELS, RawFile, evidence, lateral_steps, refuse_options
 
 __all__ = [
@@ -36,25 +38,25 @@ __all__ = [
     "Request",
     "check_area",
     "check_scale",
+    "checked_row_order",
     "height_only",
     "lateral_or_none",
     "make_profile",
     "make_surface",
     "map_reader",
+    "not_calibrated",
     "only_channels",
+    "rows_asked",
     "rows_to_write",
     "scaled",
     "scaled_file",
     "to_grid",
 ]
 
-ROW_ORDERS = ("smallest y first", "top row first")
-"""Order of the rows in a file; the second is turned on reading."""
-
 EVIDENCE = (
     "coordinates", "standard", "pair", "rotation", "writer", "peer", "convention", "assumed"
 )  # fmt: skip
-"""What can show which way up a map lies, declared by each format; `assumed` warns."""
+"""What can show which way up a map lies, declared by each format; where it is `assumed` the caller must state it."""
 
 SI_NAMES = {
     "length": "m",
@@ -78,6 +80,14 @@ _MAX_LATERAL = 1.0
 """Largest lateral step in m that is taken for a calibration."""
 
 
+def not_calibrated(title: str) -> WriteError:
+    """Return the refusal to write a map without lateral steps, for the caller to raise."""
+    return WriteError(
+        f"the surface is laterally not calibrated and {title} needs its steps; give them on reading, such as "
+        "lateral_step='1 um', or write h5"
+    )
+
+
 def rows_to_write(
     obj: Surface | Profile, title: str
 ) -> tuple[FloatArray, float, float, tuple[float, float]]:
@@ -92,10 +102,7 @@ def rows_to_write(
             )
         return obj.z[np.newaxis, :], obj.dx, 0.0, (float(obj.x[0]), 0.0)
     if obj.dx is None or obj.dy is None:
-        raise WriteError(
-            f"the surface is laterally not calibrated and {title} needs both steps; give them on reading "
-            "with lateral_step=(dx, dy)"
-        )
+        raise not_calibrated(title)
     return obj.z, obj.dx, obj.dy, obj.origin
 
 
@@ -223,13 +230,7 @@ def make_surface(
     dx, dy = override or own_steps
     facts.setdefault("orientation_evidence", evidence(format_id))
     if facts["orientation_evidence"] == "assumed":
-        other = ROW_ORDERS[1 - ROW_ORDERS.index(row_order)]
-        said = (
-            f"nothing shows which row is on top ({row_order} was taken): compare the map with the picture "
-            f"of the instrument and pass row_order={other!r} if it is upside down, row_order={row_order!r} "
-            "if it is right"
-        )
-        notes += (said,)
+        raise rows_asked(file, f"of the format {format_id}")
     metadata = file.metadata(
         format_id,
         header,
@@ -239,13 +240,31 @@ def make_surface(
         lateral_step_override_m=override,
         **facts,
     )
-    history = file.history(format_id, {"lateral_step_m": override})
+    stated = {"row_order": row_order} if facts["orientation_evidence"] == "stated" else {}
+    history = file.history(format_id, {"lateral_step_m": override, **stated})
     try:
         return Surface(
             z.view(CheckedArray), dx, dy, origin=origin, metadata=metadata, history=history
         )
     except DataError as exc:
         raise file.corrupt(f"the map does not fit: {exc}") from None
+
+
+def rows_asked(file: RawFile, what: str) -> AmbiguousFormatError:
+    """Return the question which row of a map is on top, which nothing shows, for the caller to raise."""
+    return AmbiguousFormatError(
+        f"{file.path}: nothing shows whether maps {what} begin with the top row or with the smallest y, and a "
+        "mirrored map would compensate the wrong side; compare one map with the picture of the instrument and "
+        f"give row_order={ROW_ORDERS[1]!r} or row_order={ROW_ORDERS[0]!r}, or export it as X3P"
+    )
+
+
+def checked_row_order(file: RawFile, order: str | None) -> str | None:
+    """Return the order of rows that the caller states, refused where it is none of `ROW_ORDERS`."""
+    if order not in (None, *ROW_ORDERS):
+        known = " or ".join(map(repr, ROW_ORDERS))
+        raise ReadError(f"{file.path}: row_order = {order!r} is unknown; use {known}")
+    return order
 
 
 def make_profile(
@@ -368,10 +387,7 @@ def map_reader(
                 only_channels(file, title, channel)
             most = own.pop("max_pixels", None) if pixels else None
             override = lateral_steps(lateral_step)
-            order = own.pop("row_order", None) if assumed else None
-            if order not in (None, *ROW_ORDERS):
-                known = " or ".join(map(repr, ROW_ORDERS))
-                raise ReadError(f"{file.path}: row_order = {order!r} is unknown; use {known}")
+            order = checked_row_order(file, own.pop("row_order", None)) if assumed else None
             request = Request(file, format_id, title, channel, override, unit, most, order)
             return build(request, **own)
 

@@ -13,13 +13,13 @@ import numpy as np
 
 from metrosep.core.errors import (
     FormatMismatchError,
-    ReadError,
     ReadOptionError,
     UnitError,
     UnknownFormatError,
     UnsupportedFeatureError,
 )
 from metrosep.core.profile import Profile
+from metrosep.core.readable import did_you_mean
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
@@ -28,10 +28,12 @@ from metrosep.core.units import parse_unit
 from metrosep.io import registry
 from metrosep.io.objects import (
     ROW_ORDERS,
+    checked_row_order,
     lateral_or_none,
     make_profile,
     make_surface,
     only_channels,
+    rows_asked,
 )
 from metrosep.io.registry import Format
 from metrosep.io.several_runs import BLOCKS, SeveralRunsError
@@ -161,7 +163,7 @@ def read_any(
             own = [n for n in accepted if n not in {"file", "channel", "lateral_step", "unit"}]
             raise ReadOptionError(
                 f"{file.path}: is {description.title}, which takes no option {option!r}; it takes "
-                f"{', '.join(own) or 'none'}"
+                f"{', '.join(own) or 'none'}.{did_you_mean(option, own)}"
             )
     try:
         return reader.read(file, channel=channel, lateral_step=lateral_step, unit=unit, **layout)
@@ -319,21 +321,13 @@ def read_via(
 def _orientation(file: RawFile, name: str, version: str, row_order: str | None) -> tuple[str, str]:
     """Return the order of the rows of the package's map, drawn without turning, and what shows it."""
     if row_order is not None:
-        if row_order not in ROW_ORDERS:
-            known = " or ".join(map(repr, ROW_ORDERS))
-            raise ReadError(f"{file.path}: row_order = {row_order!r} is unknown; use {known}")
-        return row_order, _STATED
+        return str(checked_row_order(file, row_order)), _STATED
     if name in _EVIDENCE and version.startswith(_TESTED):
         return ROW_ORDERS[1], _EVIDENCE[name]
     reason = (
         f"of {PACKAGE} {version}" if name in _EVIDENCE else f"that {PACKAGE} reads as {name!r}"
     )
-    raise UnsupportedFeatureError(
-        f"{file.path}: nothing shows whether maps {reason} begin with the top row or with the "
-        f"smallest y, and a mirrored map would compensate the wrong side; compare one map with the "
-        f"picture of the instrument and pass row_order={ROW_ORDERS[1]!r} or {ROW_ORDERS[0]!r}, or "
-        "export it as X3P"
-    )
+    raise rows_asked(file, reason)
 
 
 def _factor(file: RawFile, unit: str | None) -> float:

@@ -28,6 +28,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.plugins import entries
 from metrosep.core.profile import Profile
+from metrosep.core.readable import did_you_mean
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
@@ -56,7 +57,8 @@ FOLDERS_VARIABLE = "METROSEP_FORMATS"
 """Environment variable with folders (separated as in PATH) of further descriptions of text."""
 
 _INSTEAD = {
-    rb"\x28\xb5\x2f\xfd": "is compressed with Zstandard; unpack it first (unzstd FILE) and read the file inside",
+    rb"\x28\xb5\x2f\xfd": "is compressed with Zstandard; install metrosep[parquet], or unpack it first (unzstd FILE) "
+    "and read the file inside",
     rb"7z\xbc\xaf\x27\x1c": "is compressed with 7-Zip; unpack it first (7z x FILE) and read the file inside",
     rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": "is an OLE file such as an old (.xls) or a locked workbook; save it as "
     ".xlsx without a password, or export the table as CSV",
@@ -282,7 +284,9 @@ def get(format_id: str) -> Format:
     """Return the format of an identifier."""
     known = {f.id: f for f in formats()}
     if format_id not in known:
-        raise UnknownFormatError(f"no format {format_id!r}; known are {', '.join(known)}")
+        raise UnknownFormatError(
+            f"no format {format_id!r}; known are {', '.join(known)}.{did_you_mean(format_id, known)}"
+        )
     return known[format_id]
 
 

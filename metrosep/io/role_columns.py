@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
@@ -24,19 +25,13 @@ from metrosep.core.units import (
     parse_unit,
     surrounding_header,
 )
-from metrosep.io.runs import columns_of
+from metrosep.io._roles import ColumnSpec, pick, sensitivity, to_si
+from metrosep.io.runs import columns_of, from_first_row
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.dialect import Dialect
 from metrosep.io.text.encoding import decode
 from metrosep.io.text.lines import unframed
-from metrosep.io.text.table import (
-    Column,
-    ColumnSpec,
-    Table,
-    pick,
-    sensitivity,
-    to_si,
-)
+from metrosep.io.text.table import Column, Table
 
 __all__ = ["Role", "read_roles", "role_values"]
 
@@ -72,10 +67,15 @@ def read_roles(
     warnings: list[str] = []
     columns: dict[str, tuple[str, ...]] = {}
     units: dict[str, str] = {}
+    zeros: dict[
+        str, Decimal | None
+    ] = {}  # of times that count from a date, of which a float loses digits
     for path in files:
         given = {k: v for k, v in layout.items() if v is not None}
         file, table, format_id = columns_of(open_file(path), given)
         for name, role in roles.items():
+            if role.dimension == "time" and not isinstance(role.column, list):
+                table, zeros[name] = from_first_row(file, table, role.column, zeros.get(name))
             parts[name].append(role_values(file, table, role, name=name))
             columns[name] = _names(file, table, role, name)
             if role.dimension == "position":

@@ -40,7 +40,15 @@ from metrosep.core.units import (
     parse_unit,
 )
 from metrosep.io import registry
-from metrosep.io._roles import jumps_back, runs_in
+from metrosep.io._roles import (
+    ColumnSpec,
+    jumps_back,
+    pick,
+    runs_in,
+    sensitivity,
+    since_first_row,
+    to_si,
+)
 from metrosep.io.own_notes import is_marked
 from metrosep.io.own_runs import own_columns, own_runs, run_table
 from metrosep.io.several_runs import BLOCKS, SeveralRunsError
@@ -48,15 +56,10 @@ from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.table import (
     Column,
-    ColumnSpec,
     Table,
     interruption,
-    pick,
     read_table,
-    sensitivity,
-    since_first_row,
     text_of,
-    to_si,
     without_empty_rows,
 )
 
@@ -64,6 +67,7 @@ __all__ = [
     "FeedSpec",
     "are_over_an_angle",
     "columns_of",
+    "from_first_row",
     "names_of_columns",
     "read_runs",
     "runs_of",
@@ -191,7 +195,7 @@ def _runs_from(
         if not counted:
             table = without_empty_rows(table)
         if clocked.time is not None:
-            table, zero = _from_first_row(file, table, clocked.time, zero)
+            table, zero = from_first_row(file, table, clocked.time, zero)
         said = (
             *table.warnings,
             *(interruption(table) if clocked.time is None else ()),
@@ -342,7 +346,7 @@ def runs_of(held: list[Source], specs: Mapping[str, Any], *, angles: bool = Fals
     return _runs_from((held.pop() for _ in range(1)), [feed], request)
 
 
-def _from_first_row(
+def from_first_row(
     file: RawFile, table: Table, time: ColumnSpec, zero: Decimal | None
 ) -> tuple[Table, Decimal | None]:
     """Return the table with a time that counts from a date counted from the first row of the first file, and that moment."""
@@ -625,7 +629,7 @@ def _by_value(file: RawFile, table: Table, column: Column) -> Iterator[tuple[str
 def _texts(column: Column) -> tuple[str, ...]:
     """Return each entry as text; whole numbers without a decimal point."""
     if column.labels is not None:
-        return column.labels
+        return tuple(column.labels)
     values = () if column.values is None else column.values.tolist()
     return tuple("" if math.isnan(v) else _as_text(v) for v in values)
 

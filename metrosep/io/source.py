@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import importlib.util
 import io
 import os
 import threading
@@ -30,6 +31,7 @@ from metrosep.core.errors import (
     ReadError,
     UnsupportedFeatureError,
 )
+from metrosep.core.inside import carried
 from metrosep.core.numbers import positive
 from metrosep.core.provenance import Step, hash_bytes
 
@@ -66,6 +68,7 @@ HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _MAX_BYTES = 2**32
 _PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\xfd7zXZ\x00": "lzma"}
 """First bytes of files that are compressed as a whole, and the module that unpacks them."""
+_ZSTD = b"\x28\xb5\x2f\xfd"
 _MAX_UNPACKED, _MAX_RATIO, _UNASKED = 2**31, 200, 2**26
 """Bytes, and times the packed size beyond some bytes, at which unpacking stops."""
 _HASH_ASIDE = 2**22
@@ -78,11 +81,11 @@ class _Hashing:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._digest: str | None = None
-        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread = threading.Thread(target=carried(self._run), daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
-        with suppress(OSError), self._path.open("rb") as handle:
+        with suppress(OSError, ReadError), self._path.open("rb") as handle:
             self._digest = hashlib.file_digest(handle, "sha256").hexdigest()
 
     def result(self) -> str | None:
@@ -304,11 +307,18 @@ def open_file(path: str | os.PathLike[str]) -> RawFile:
     for magic, module in _PACKED.items():
         if start.startswith(magic):
             opened = partial(importlib.import_module(module).open, where, "rb")
+    if start.startswith(_ZSTD) and importlib.util.find_spec("pyarrow") is not None:
+        opened = partial(_zstandard, where)
     if opened is not None:
         return RawFile(where, _unpacked(where, opened, size), where)
     file = RawFile(where)
     file.__dict__["size"] = size  # if it is cut from here on, that is seen
     return file
+
+
+def _zstandard(path: Path) -> Any:
+    """Return a file that Zstandard packed, opened to be read."""
+    return importlib.import_module("pyarrow").input_stream(str(path), compression="zstd")
 
 
 def _only_member(path: Path) -> Callable[[], Any] | None:

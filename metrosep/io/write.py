@@ -22,11 +22,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.atomic import atomic_write
-from metrosep.core.errors import UnsupportedFeatureError, WriteError, WriteOptionError
+from metrosep.core.errors import (
+    UnsupportedFeatureError,
+    WriteError,
+    WriteOptionError,
+)
 from metrosep.core.profile import Profile
+from metrosep.core.readable import did_you_mean
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
+from metrosep.io.objects import not_calibrated
 from metrosep.io.own_notes import header_lines
 from metrosep.io.own_runs import run_table
 from metrosep.io.text.dialect import header_unit
@@ -129,7 +135,7 @@ def _bytes(
     if name not in _SUFFIXES.values():
         raise UnsupportedFeatureError(
             f"{path}: format {name!r} is not written; there are "
-            f"{', '.join(sorted(set(_SUFFIXES.values())))}"
+            f"{', '.join(sorted(set(_SUFFIXES.values())))}.{did_you_mean(name, _SUFFIXES.values())}"
         )
     if name in _BINARY:
         return _by_module(obj, name, path, options)
@@ -235,10 +241,7 @@ def _xyz(surface: Surface) -> bytes:
 def _grid_texts(surface: Surface) -> list[list[str]]:
     """Return x, y and z of each pixel as text, x fastest."""
     if surface.dx is None or surface.dy is None:
-        raise WriteError(
-            "the surface is laterally not calibrated, so its pixels have no positions; give "
-            "lateral_step=(dx, dy) on reading, or write it as x3p then"
-        )
+        raise not_calibrated("a list of points")
     rows, columns = surface.shape
     x = _texts(surface.origin[0] + surface.dx * np.arange(columns))
     y = _texts(surface.origin[1] + surface.dy * np.arange(rows))

@@ -32,8 +32,8 @@ from metrosep.machine._drift_noise import Fit, inverse_times
 from metrosep.machine._reading_problem import Problem, System, axis_of_term, places_of
 from metrosep.machine.instruments import Instrument
 
-_CHANCE = 0.005
-"""Of a message without a shape, over all sets."""
+_CHANCE = 0.02
+"""Of a message without a shape, over all sets, and over all parts."""
 _FREE, _FEWEST, _MOST = 10, 12, 300
 """Repeats, and places, below which nothing is judged; places that are looked at, at most."""
 _DRIFTS = [
@@ -337,16 +337,18 @@ def lack_of_fit(
 
 # ---- the curve that is left out, in u -----------------------------------------------------------
 
-_BESIDE = [(a, tau) for a in (0.5, 2.0, 8.0) for tau in (3.0, 20.0, 150.0, 1000.0)]
+_BESIDE = [(a, tau) for a in (0.5, 2.0, 8.0, 32.0) for tau in (3.0, 20.0, 150.0, 1000.0)]
 _FALLS = (0, 1, 2)
 _LEVELS = np.geomspace(0.1, 1e6, 15)
 """Of lambda, where 1 is a variance that the readings show as large as their noise."""
+_EDGES = np.append(_LEVELS / math.sqrt(_LEVELS[1] / _LEVELS[0]), math.inf)
+_SMALLER = 1.0 / (1.0 + 1.0 / _EDGES)
+"""How likely a curve is smaller than that before: 1 / (1 + level), the share that noise takes of the
+mean square, may be anything from 0 to 1 alike. A machine ends at no order, so it has no point of its own."""
 _COLUMNS = 300
 """Further orders of all terms together, at most: the cost rises with their square."""
 _SHOWN = 1e-4
 """Share of all further orders that must show beside the coefficients, else nothing is known of them."""
-_NONE = 0.2
-"""How likely it is before that no curve is left out: machines end at no order."""
 _LEAST_WEIGHT = 1e-4
 
 
@@ -388,17 +390,19 @@ def left_out(
     to_all = system.V / system.sizes[:, None]
     cases = _cases(problem, used, used.X @ to_all, fit, H)
     moment = np.zeros((P + H.shape[1],) * 2)
-    moment[:P, :P] = to_all @ fit.cov @ to_all.T
-    begin = 0
+    begin, of_all = 0, []
     for name, basis in further.items():
         mine = np.arange(begin, begin + len(basis.labels))
         begin += mine.size
-        whole, part = np.append(np.arange(P), P + mine), _moment_of(cases, mine, basis)
+        shapes = _shapes(cases, mine, basis)
+        of_all += shapes
+        whole, part = np.append(np.arange(P), P + mine), _moment_of(cases, mine, shapes)
         T = np.zeros((whole.size, part.shape[0]))
         T[:P, : -mine.size], T[P:, -mine.size :] = to_all, np.eye(mine.size)
         moment[np.ix_(whole, whole)] += T @ part @ T.T
         bases[name] = _joined(bases[name], basis)
         at[name] = np.append(at[name], P + mine)
+    moment[:P, :P] += to_all @ _over_drifts(cases, of_all) @ to_all.T
     return LeftOut(bases, at, moment)
 
 
@@ -465,6 +469,8 @@ class _Case:
     shift: FloatArray  # of the coefficients against the fit
     least: float
     stated: bool  # whether the noise of a set is stated
+    shown: bool  # whether a series is long enough to tell its drift from a constant
+    cov: FloatArray  # of the coefficients, over the scale squared
 
     def at(self, square: float) -> tuple[float, float]:
         """Return the scale of the noise squared, and its part of -2 log likelihood."""
@@ -491,6 +497,7 @@ def _cases(
         least += stream.rows.size * digit / variance
     stated = any(s.u is not None for s in problem.sets)
     drifts = [(0.0, 10.0), *(_BESIDE if fit.judged else [])]
+    longest = max(stream.rows.size for stream in system.streams)
     if not fit.white:
         drifts.append((fit.a, fit.tau))
     found = []
@@ -521,19 +528,34 @@ def _cases(
                 solved[:, -1] - fit.beta,
                 least,
                 stated,
+                a == 0.0 or tau <= longest or (a, tau) == (fit.a, fit.tau),
+                cho_solve(factor, np.eye(r)),
             )
         )
     return found
 
 
-def _moment_of(cases: Sequence[_Case], mine: NDArray[np.intp], basis: Basis) -> FloatArray:
-    """Return the mean square of coefficients (reduced) and further orders of one term."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shape:
+    """Further orders of a term of one size under one drift."""
+
+    case: int
+    log: float  # -2 log of the likelihood and of the chance before
+    R: FloatArray  # by which their deviation falls
+    U: FloatArray
+    gain: FloatArray
+    p: FloatArray
+    variance: float  # of the noise
+
+
+def _shapes(cases: Sequence[_Case], mine: NDArray[np.intp], basis: Basis) -> list[_Shape]:
+    """Return the further orders of one term, of all sizes, falls and drifts."""
     per = 2 if basis.kind == "fourier" else 1
     n = np.repeat(np.array(basis.orders, dtype=np.float64), per)
     size = 1.0 if per == 2 else np.sqrt(2.0 * n + 1.0)
-    logs, parts = [], []
-    none = [c.base + c.at(c.square)[1] - 2.0 * math.log(_NONE) for c in cases]
-    for case in cases:
+    before = np.diff(_SMALLER) / len(_FALLS)
+    found = []
+    for k, case in enumerate(cases):
         S, s = case.S[np.ix_(mine, mine)], case.s[mine]
         for fall in _FALLS:
             R = size * (n / n[0]) ** -fall
@@ -542,26 +564,55 @@ def _moment_of(cases: Sequence[_Case], mine: NDArray[np.intp], basis: Basis) -> 
             if e[-1] <= _SHOWN * float(case.plain[mine] @ R**2):
                 continue
             p = U.T @ (R * s)
-            for level in _LEVELS / e[-1]:
+            for level, chance in zip(_LEVELS / e[-1], before, strict=True):
                 gain = level / (1.0 + level * e)
                 square = max(case.square - float(gain @ p**2), case.least, 1e-9 * case.square)
-                value = case.base + float(np.log1p(level * e).sum())
                 variance, part = case.at(square)
-                value += part
-                logs.append(value - 2.0 * math.log((1.0 - _NONE) / (_LEVELS.size * len(_FALLS))))
-                parts.append((case, R, U, gain, p, variance))
-    best = min(*none, *logs) if logs else 0.0
-    weight = np.exp(-0.5 * (np.array(logs) - best))
-    total = float(weight.sum()) + float(np.exp(-0.5 * (np.array(none) - best)).sum())
-    weight /= total
+                value = case.base + float(np.log1p(level * e).sum()) + part
+                found.append(_Shape(k, value - 2.0 * math.log(chance), R, U, gain, p, variance))
+    return found
+
+
+def _weights(cases: Sequence[_Case], shapes: Sequence[_Shape]) -> tuple[FloatArray, FloatArray]:
+    """Return how likely it is that no curve is left out, by drift, and how likely each curve is."""
+    none = [c.base + c.at(c.square)[1] - 2.0 * math.log(_SMALLER[0]) for c in cases]
+    logs = np.array([*none, *(v.log for v in shapes)])
+    weights = np.exp(-0.5 * (logs - logs.min()))
+    weights /= weights.sum()
+    return weights[: len(cases)], weights[len(cases) :]
+
+
+def _over_drifts(cases: Sequence[_Case], shapes: Sequence[_Shape]) -> FloatArray:
+    """Return the mean square by which coefficients miss by noise, over all drifts by their likelihood."""
+    none, those = _weights(cases, shapes)
+    shown = np.array([c.shown for c in cases])
+    those = those * shown[[v.case for v in shapes]] if shapes else those
+    none = none * shown
+    share = none.sum() + those.sum()
+    none, those = none / share, those / share
+    total = np.zeros_like(cases[0].cov)
+    variances = np.array([w * c.at(c.square)[0] for w, c in zip(none, cases, strict=True)])
+    for w, shape in zip(those, shapes, strict=True):
+        variances[shape.case] += w * shape.variance
+    for w, variance, case in zip(none, variances, cases, strict=True):
+        total += variance * case.cov + w * np.outer(case.shift, case.shift)
+    return total
+
+
+def _moment_of(
+    cases: Sequence[_Case], mine: NDArray[np.intp], shapes: Sequence[_Shape]
+) -> FloatArray:
+    """Return the mean square of coefficients (reduced) and further orders of one term."""
+    _, weights = _weights(cases, shapes)
     r = cases[0].D.shape[0]
     found = np.zeros((r + mine.size,) * 2)
-    for w, (case, R, U, gain, p, variance) in zip(weight, parts, strict=True):
+    for w, shape in zip(weights, shapes, strict=True):
         if w < _LEAST_WEIGHT:
             continue
+        case = cases[shape.case]
         T = np.vstack([-case.D[:, mine], np.eye(mine.size)])
-        mean = T @ (R * (U @ (gain * p)))
+        mean = T @ (shape.R * (shape.U @ (shape.gain * shape.p)))
         mean[:r] += case.shift
-        B = T @ (R[:, None] * U * np.sqrt(gain * variance))
+        B = T @ (shape.R[:, None] * shape.U * np.sqrt(shape.gain * shape.variance))
         found += w * (np.outer(mean, mean) + B @ B.T)
     return found

@@ -41,8 +41,10 @@ N_RHO, N_AZIMUTH = 16, 36
 AUTO = "auto"
 """In place of a number of orders: choose it by cross-validation."""
 
-_FEWEST = 4
-"""Pixels of a bin, on average."""
+_FEWEST = 1
+"""Pixels of a bin, on average: bins of a coarse map are its pixels, so that more rings are left than orders."""
+_SECTORS = 16
+"""Below which rings are given up too."""
 
 _BLOCK = 16384
 
@@ -301,7 +303,10 @@ def _binned(
     inner, outer = float(rho.min()), float(rho.max())
     n_rho, n_azimuth = N_RHO, N_AZIMUTH
     while n_rho * n_azimuth * _FEWEST > rho.size and n_rho > 6:
-        n_rho, n_azimuth = n_rho - 2, n_azimuth - 4
+        if n_azimuth > _SECTORS:
+            n_azimuth -= 4
+        else:
+            n_rho -= 2
     ring = np.minimum((n_rho * (rho - inner) / (outer - inner)).astype(int), n_rho - 1)
     sector = np.minimum((n_azimuth * (azimuth / (2.0 * np.pi) + 0.5)).astype(int), n_azimuth - 1)
     whole = ring * n_azimuth + sector

@@ -20,6 +20,7 @@ from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.readable import did_you_mean
 
 __all__ = ["FREEDOMS", "Alignment", "alignment_space", "freedom_maps", "removed_freedoms"]
 
@@ -105,7 +106,10 @@ def removed_freedoms(removed: str | Iterable[str]) -> tuple[str, ...]:
             if name not in FREEDOMS and name not in _WORDS:
                 plain = (n for n in FREEDOMS if n not in ZERNIKES)
                 known = ", ".join((*_WORDS, "zernike N", *plain))
-                raise DataError(f"Unknown alignment term {word.strip()!r}. Available: {known}")
+                hint = did_you_mean(name, (*_WORDS, *FREEDOMS))
+                raise DataError(
+                    f"Unknown alignment term {word.strip()!r}. Available: {known}.{hint}"
+                )
             found.update(_WORDS.get(name, (name,)))
     return tuple(n for n in FREEDOMS if n in found)
 

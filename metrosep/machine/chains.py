@@ -26,6 +26,7 @@ from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, UnitError
+from metrosep.core.public import PublicObject, shortened
 from metrosep.machine import _poses as ps
 from metrosep.machine._chain_checks import refuse_parallel, refuse_strange_names, refuse_twice
 from metrosep.machine._poses import States
@@ -50,8 +51,8 @@ Positions = Mapping[str, ArrayLike]
 Errors = ErrorSet | Mapping[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Chain:
+@dataclass(frozen=True, slots=True, repr=False)
+class Chain(PublicObject):
     """Kinematic chain of a machine, from the workpiece over the bed to the tool.
 
     Parameters
@@ -189,6 +190,10 @@ class Chain:
             'the tool read them, write errors_of = "tool", or error_frame = "before"'
         )
         return (text,)
+
+    def __repr__(self) -> str:
+        axes = ", ".join(e.name for e in self.elements if e.kind != "fixed")
+        return shortened(f"Chain({self.name!r}: axes {axes}; {len(self.terms)} error terms)")
 
     def describe(self) -> str:
         """Return where the errors of each axis are stated, in which directions and with which sign.

@@ -645,7 +645,8 @@ def report_text(table: SensitivityTable) -> str:
     done: list[str] = []
     for step in table.pareto()[1:4] if seen else ():
         done.extend(step.names)
-        lines.append(f"without {' + '.join(done)}: {format_length(step.sq)}")
+        left = format_length(step.sq) if step.sq else "nothing is left"
+        lines.append(f"without {' + '.join(done)}: {left}")
         if step.sq == 0.0:  # what follows leaves nothing less
             break
     return "\n".join([*lines, *table.messages])

@@ -599,7 +599,7 @@ def _named_terms(
                     )
             found[name] = (term, place)
             continue
-        if terms is None and _is_term(name):
+        if terms is None and names_a_motion(name):
             found[name] = (name, None)
     by_term: dict[str, list[float | None]] = {}
     for term, place in found.values():
@@ -617,7 +617,7 @@ def _named_terms(
     return _Named(freeze_mapping(found), frozenset(angles))
 
 
-def _is_term(name: str) -> bool:
+def names_a_motion(name: str) -> bool:
     """Return whether a reading has the name of an error motion.
 
     EX0C, a displacement of ISO 230-3, is a location error by its name, whose sense is that of the line

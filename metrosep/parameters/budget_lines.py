@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
-from metrosep.core.numbers import flag, not_negative, quantity
+from metrosep.core.numbers import flag, not_negative, quantity, real
 from metrosep.parameters.budget import Contribution
 from metrosep.parameters.repeats import TypeA
 
@@ -193,7 +193,7 @@ def drift_line(rate: float, duration: float, *, sensitivity: float = 1.0) -> Con
 
 
 def nonlinearity_line(
-    coefficient: float, half_range: float, *, sensitivity: float = 1.0
+    coefficient: float, half_range: float | str, *, sensitivity: float = 1.0
 ) -> Contribution:
     """Return the line of a quadratic sensor error, such as the gap^2 term of a capacitance probe.
 
@@ -216,5 +216,6 @@ def nonlinearity_line(
     DataError
         If a number is not finite.
     """
-    width = abs(coefficient) * half_range**2
+    half_range = quantity(half_range, "half_range", "length")
+    width = abs(real(coefficient, "coefficient")) * half_range**2
     return Contribution("sensor nonlinearity", width, "rectangular", sensitivity=sensitivity)

@@ -12,6 +12,7 @@ import numpy as np
 from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
+from metrosep.core.public import PublicObject
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.parameters.table import Context, ParameterTable
@@ -86,7 +87,7 @@ class Support:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class FormDeviation:
+class FormDeviation(PublicObject):
     """Form deviation from one reference; SI.
 
     Parameters

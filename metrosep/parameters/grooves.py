@@ -529,7 +529,7 @@ def _fitted(
     if not known:
         raise DataError(
             "the faces cannot be separated from the step: take larger regions, or degree = 1"
-        )
+        ).hinting(degree=1)
     residual = np.full(points.z.shape, np.nan)
     residual[used] = heights - coefficients @ basis
     height, slopes = _height_of(coefficients, kind)

@@ -108,6 +108,7 @@ class PsdLimit:
         float, m^2
             ``A (low^(1-B) - high^(1-B)) / (B - 1)``, for B = 1 ``A ln(high / low)``.
         """
+        low, high = positive(low, "low"), positive(high, "high")
         A = 0.0 if self.A is None else self.A
         if self.B == 1.0:
             return A * math.log(high / low)

@@ -348,6 +348,19 @@ def _fit(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
     raise DataError("the residual of this fit is a set of points; use .residual")
 
 
+def _deviation(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
+    if type(obj.residual).__name__ == "Surface":
+        return _surface(obj.residual, ax, scale, signed=True, title=f"deviation, {obj.kind}")
+    return _profile(obj.residual, ax, scale)
+
+
+def _positioning(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
+    from metrosep.plot.charts import positioning_chart
+
+    scale.refuse("the picture of a positioning test shows both directions, and")
+    return positioning_chart(obj, ax)
+
+
 def _sensitivity(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
     from metrosep.plot.sensitivity_chart import sensitivity_bars
 
@@ -457,6 +470,8 @@ _PICTURES: Mapping[str, Callable[..., Any]] = {
     "CompensationMap": _of_map,
     "ParameterTable": _parameters,
     "FitResult": _fit,
+    "FormDeviation": _deviation,
+    "PositioningTest": _positioning,
     "SensitivityTable": _sensitivity,
     "Wavefront": _wavefront,
     "SpiralPath": _spiral,

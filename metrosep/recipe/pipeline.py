@@ -235,7 +235,9 @@ def measuring_steps(
         try:
             checked.append(freeze_mapping(checked_step(step)))
         except StepError as exc:
-            raise place.error(f"step {i + 1} ({step['op']}): {exc}", exc.key) from None
+            error = place.error(f"step {i + 1} ({step['op']}): {exc}", exc.key)
+            error.hints = exc.hints
+            raise error from None
     if not any(step.get("enabled", True) for step in checked):
         raise place_of(0).error("every step is switched off; enable one", "enabled")
     return tuple(checked)

@@ -11,6 +11,7 @@ from metrosep.core.errors import DataError
 from metrosep.core.limits import FORM_OF_SYMBOL
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
+from metrosep.core.readable import did_you_mean
 from metrosep.core.regions import SHAPES, check_region
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
@@ -71,8 +72,7 @@ def normal_values(
     values: dict[str, Any] = {}
     for name, value in given.items():
         if name not in keys:
-            near = difflib.get_close_matches(str(name), list(keys), n=1)
-            hint = f' Did you mean "{near[0]}"?' if near else ""
+            hint = did_you_mean(name, keys)
             raise StepError(
                 f'unknown key "{name}" in {what}; known: {", ".join(keys)}.{hint}', str(name)
             )
@@ -229,7 +229,9 @@ def _check_filter(options: Mapping[str, Any]) -> None:
 
 def _check_stop(kind: str, options: Mapping[str, Any]) -> None:
     if kind != "gaussian":
-        raise StepError('band = "stop" belongs to kind = "gaussian"', "band")
+        raise StepError('band = "stop" belongs to kind = "gaussian"', "band").hinting(
+            kind="gaussian"
+        )
     if not {"lambda_s", "lambda_c"} <= options.keys():
         raise StepError(
             'band = "stop" needs lambda_s and lambda_c, the ends of what is removed', "band"
@@ -238,7 +240,7 @@ def _check_stop(kind: str, options: Mapping[str, Any]) -> None:
         if key in options:
             raise StepError(f'{key} does not go with band = "stop"', key)
     if options.get("end") == "cut":
-        raise StepError('end = "cut" does not go with band = "stop"', "end")
+        raise StepError('end = "cut" does not go with band = "stop"', "end").hinting(end="moment")
 
 
 def _check_form(options: Mapping[str, Any]) -> None:
@@ -290,7 +292,7 @@ def _check_psd(options: Mapping[str, Any]) -> None:
     if options.get("estimate") == "slopes" and options.get("detrend") == "mean":
         raise StepError(
             'estimate = "slopes" goes with detrend = "plane" or "quadratic"', "estimate"
-        )
+        ).hinting(detrend="plane")
 
 
 def _check_step_height(options: Mapping[str, Any]) -> None:

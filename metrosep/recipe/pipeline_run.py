@@ -177,9 +177,10 @@ def step_error(exc: MetrosepError, recipe: Recipe, number: int) -> MetrosepError
     words = words.replace("nesting_index", "cutoff") if op == "filter" else words
     text = f"step {number + 1} ({op}): {words}"
     if isinstance(exc, DataError) and not isinstance(exc, _OF_DATA):
-        return place.error(
-            text, exc.key if isinstance(exc, StepError) else _key_in(exc, recipe, number)
-        )
+        key = exc.key if isinstance(exc, StepError) else _key_in(exc, recipe, number)
+        error = place.error(text, key)
+        error.hints = exc.hints
+        return error
     told = f"{op}: {exc}" if recipe.name == COMMAND else str(place.error(text, "op"))
     exc.args = (told, *exc.args[1:])
     return exc

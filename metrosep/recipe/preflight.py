@@ -271,7 +271,7 @@ def _order_errors(recipe: Recipe) -> Iterator[RecipeError]:
             f"{'' if where is None else f', line {where}'}) changes afterwards, so that one surface is "
             "shown and another judged; put that step first, or write intermediate = true here",
             "op",
-        )
+        ).hinting(intermediate=True)
 
 
 def _names(output: Mapping[str, Any], place: Place) -> list[str]:

@@ -21,6 +21,7 @@ from typing import Any
 from metrosep.core.atomic import RECIPE_BYTES, read_plain_text
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.options import Option, checked, not_one_of, option, options_of
+from metrosep.core.readable import did_you_mean
 
 __all__ = [
     "KINDS_OF_REPORT",
@@ -245,8 +246,7 @@ def checked_table(data: Any, options: Mapping[str, Option], where: str) -> dict[
     found = {}
     for key, value in data.items():
         if key not in options:
-            near = difflib.get_close_matches(str(key), list(options), n=1)
-            hint = f' Did you mean "{near[0]}"?' if near else ""
+            hint = did_you_mean(key, options)
             raise DataError(f'unknown key "{key}" in {where}; known: {", ".join(options)}.{hint}')
         declared = options[key]
         try:
@@ -300,8 +300,7 @@ def typed_fields(texts: Sequence[str]) -> dict[str, Any]:
         elif len(parts) == 1:
             found[parts[0]] = _typed(parts[0], value)
         else:
-            near = difflib.get_close_matches(parts[0], list(_TABLES), n=1)
-            hint = f' Did you mean "{near[0]}"?' if near else ""
+            hint = did_you_mean(parts[0], _TABLES)
             raise DataError(
                 f'--report {text}: unknown table "{parts[0]}"; known: '
                 f"{', '.join([*_TABLES, _INSTRUMENT])}.{hint}"

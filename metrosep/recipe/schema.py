@@ -6,7 +6,6 @@ known there and the nearest spelling.
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from typing import Any
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.methods import Method
 from metrosep.core.options import KINDS, Option, checked, not_one_of
-from metrosep.core.readable import digits_of, typed_number
+from metrosep.core.readable import did_you_mean, digits_of, typed_number
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import SURROUNDINGS, TYPICAL
 
@@ -130,8 +129,7 @@ def checked_table(
     """Return a table with its values in SI, or refuse it."""
     for key in data:
         if key not in fields:
-            near = difflib.get_close_matches(key, list(fields), n=1)
-            hint = f' Did you mean "{near[0]}"?' if near else ""
+            hint = did_you_mean(key, fields)
             raise place.error(
                 f'unknown key "{key}" in {what}; known: {", ".join(fields)}.{hint}', key
             )
@@ -255,8 +253,7 @@ def _require_order(order: str, groups: tuple[str, ...], place: Place) -> None:
         )
     if order not in ORDERS and order not in groups:
         known = [*ORDERS, *groups]
-        near = difflib.get_close_matches(order, known, n=1)
-        hint = f' Did you mean "{near[0]}"?' if near else ""
+        hint = did_you_mean(order, known)
         raise place.error(
             f'order = "{order}" is not one of {", ".join(known)} (the last are groups of the pattern)'
             f".{hint}"

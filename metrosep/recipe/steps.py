@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from metrosep.core.limits import COVERAGE, RULES
 from metrosep.core.methods import METHODS
 from metrosep.core.options import options_of
+from metrosep.core.text_options import ROW_ORDERS
 from metrosep.recipe.methods.plan import PLAN
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.programs import PROGRAM
@@ -68,6 +69,7 @@ MEASURING_INPUT = {
     "files": Field("texts"),
     "unit": Field("text"),
     "lateral_step": Field("size"),
+    "row_order": Field("text", choices=ROW_ORDERS),
     "channel": Field("text"),
     "format": Field("text"),
     "x": Field("column"),

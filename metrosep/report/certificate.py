@@ -230,7 +230,7 @@ def certificate(document: Document, messages: Sequence[str] = ()) -> dict[str, A
         "number": str(fields.get("number") or ""),
         "revision": int(fields.get("revision") or 0),
         "issued": str(fields.get("issued") or ""),
-        "replaces": _replaces(fields, t),
+        "replaces": _replaces(fields, languages),
         "verdict": t[document.get("verdict") or "no_verdict"].upper(),
         "stamp": mark,
         "of": t["of"].format(n=alike, total=len(judged)) if judged else "",
@@ -263,15 +263,19 @@ def _heading(kind: str, fields: Document, t: Mapping[str, str]) -> str:
     return f"{capital(kind)} {fields.get('number') or ''}".strip() + draft
 
 
-def _replaces(fields: Document, t: Mapping[str, str]) -> str:
+def _replaces(fields: Document, languages: Sequence[str]) -> str:
+    """Return which report this one replaces, in each language by itself."""
     if not fields.get("replaces"):
         return ""
-    change = str(fields.get("change") or "")
-    return t["replaces"].format(
-        number=fields["replaces"],
-        change=t.get(change, t["not_stated"]),
-        reason=fields.get("reason") or t["not_stated"],
+    said_in = (
+        t["replaces"].format(
+            number=fields["replaces"],
+            change=t.get(str(fields.get("change") or ""), t["not_stated"]),
+            reason=fields.get("reason") or t["not_stated"],
+        )
+        for t in (texts_of([language]) for language in languages)
     )
+    return " / ".join(dict.fromkeys(said_in))
 
 
 _IN_BLOCK: Mapping[str, tuple[str, ...]] = {

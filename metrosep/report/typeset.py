@@ -318,7 +318,7 @@ def _tidied(value: Any) -> Any:
 def _printable(text: str) -> str:
     return "".join(
         c if c == "\n" or (c.isprintable() and not "\ud800" <= c <= "\udfff") else " "
-        for c in text
+        for c in text.replace("\u00ad", "")  # typst parts words by itself
     )
 
 

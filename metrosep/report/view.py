@@ -75,7 +75,7 @@ def view(document: Document) -> dict[str, Any]:
     quotes = [quoted(m, first["language"]) for m in messages]
     return {
         "c": first,
-        "title": document.get("title") or "Separation of repeated runs",
+        "title": spoken(document.get("title") or "Separation of repeated runs"),
         "version": document.get("metrosep") or "",
         "stamp": stamp(document.get("verdict"))._replace(
             meaning=t[f"means_{document.get('verdict') or 'none'}"]

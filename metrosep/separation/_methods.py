@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from metrosep.core.docs import described_by
 from metrosep.core.numbers import not_negative
 from metrosep.core.provenance import freeze_mapping
+from metrosep.core.public import PublicObject
 from metrosep.core.quantity import Quantity
 from metrosep.separation._readings import plain, reduced
 from metrosep.separation.contract import History, Parts, Separation, SeparationMethod
@@ -75,7 +76,7 @@ class RecordedMethod(SeparationMethod):
         return self._solved(readings, stated, history)
 
 
-class StoredResult:
+class StoredResult(PublicObject):
     """A result of fields: read-only, and it can be copied and stored as plain values."""
 
     __slots__ = ()

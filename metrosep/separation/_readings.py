@@ -519,8 +519,9 @@ def stated_u(u_reading: Any, unit: str, name: str = "u_reading") -> float | None
     """Return a stated standard uncertainty of one reading, or None."""
     if u_reading is None:
         return None
-    what = f"a standard uncertainty >= 0{unit and f' in {unit}'}"
-    return not_negative(real(u_reading, name, what=what), name)
+    dimension = {"m": "length", "rad": "angle", "s": "time", "V": "voltage"}.get(unit)
+    what = f"a standard uncertainty >= 0{f' in {unit}' if unit and dimension is None else ''}"
+    return not_negative(real(u_reading, name, dimension=dimension, what=what), name)
 
 
 # ---- private helpers of result classes: plain values for JSON, and copies by copy and pickle ----

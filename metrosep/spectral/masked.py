@@ -203,9 +203,13 @@ def masked_psd(
     choice(detrend, "detrend", ("mean", "plane", "quadratic"))
     choice(estimate, "estimate", ("auto", "heights", "slopes"))
     if estimate == "slopes" and detrend == "mean":
-        raise DataError(
-            'estimate = "slopes" takes a plane off with the mean slope, and detrend = "mean" keeps it: '
-            'say detrend = "plane", or estimate = "heights"'
+        raise (
+            DataError(
+                'estimate = "slopes" takes a plane off with the mean slope, and detrend = "mean" keeps it: '
+                'say detrend = "plane", or estimate = "heights"'
+            )
+            .hinting(detrend="plane")
+            .hinting(estimate="heights")
         )
     max_filled = between(max_filled, "max_filled", 0.0, 1.0)
     steps = _steps(obj)

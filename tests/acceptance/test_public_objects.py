@@ -122,9 +122,11 @@ def test_every_public_class_is_listed_with_what_it_can_do():
     import metrosep.compensation.maps
     import metrosep.machine.sensitivity
     import metrosep.optics.wavefronts
+    import metrosep.parameters.form_result
     import metrosep.process.path_points
     import metrosep.process.tool_settings
-    import metrosep.recipe.result  # noqa: F401
+    import metrosep.recipe.result
+    import metrosep.separation.positions.positioning_result  # noqa: F401
 
     inherited = {c.__name__ for c in _children(PublicObject)}
     known = set(_PICTURES) | set(_FRAMES) | set(_LABELLED)
@@ -878,3 +880,42 @@ def test_a_result_is_its_document(tmp_path):
     back = ms.load(path)
     assert back.document == json.loads(result.to_json())
     assert back.plot() is not None
+
+
+def others(examples):
+    rng = np.random.default_rng(5)
+    runs = ms.read_runs(
+        examples / "straightness/runs.csv",
+        x="x_mm",
+        z="z_um",
+        feed="feed_mm_min",
+        run="run",
+        time="t_ms",
+    )
+    mean = ms.separation.separate(runs, start="0 mm", length="45 mm", method="mean")
+    targets = np.arange(6) * 0.02
+    reached = [targets[:, None] + rng.normal(size=(6, 5)) * 1e-6 for _ in range(2)]
+    profile = ms.Profile(np.arange(20) * 1e-3, rng.normal(size=20) * 1e-6)
+    return {
+        "table of a mean": ms.compensation.CompensationTable.from_error(
+            mean, positions="1 mm", axis="X", compensates="Z"
+        ),
+        "positioning test": ms.separation.iso230_2(targets, *reached),
+        "form deviation": ms.parameters.form_deviation(
+            profile, kind="straightness", reference="MZ"
+        ),
+        "machine": ms.machine.presets("fts_lathe", radius="20 mm"),
+    }
+
+
+def test_machines_tests_and_tables_of_every_method_are_saved_and_say_who_they_are_in_a_line(
+    tmp_path, repository
+):
+    for name, obj in others(repository / "examples").items():
+        assert ms.load(obj.save(tmp_path / "o.h5")) == obj, name
+        assert len(repr(obj)) <= 100, name
+        assert "\n" not in repr(obj), name
+        assert obj._repr_html_(), name
+        if name != "machine":
+            assert len(obj.to_frame())
+            assert obj.plot() is not None, name

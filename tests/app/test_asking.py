@@ -1,5 +1,6 @@
 """Which columns are guessed, and what is asked for."""
 
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from metrosep.app.asking import (
 from metrosep.app.documents import Places, start_runs_text
 from metrosep.app.sessions import Session
 from metrosep.core.runset import Run, RunSet
+from metrosep.core.text_options import ROW_ORDERS
 from metrosep.errors import DataError, FormatMismatchError, ReadError
 from metrosep.io.read import read
 
@@ -248,6 +250,23 @@ def test_a_file_of_several_data_sets_asks_which(name, names):
     assert asked.fields[0]["value"] == names[0]
     assert "channel=" not in str(asked)
     assert ask_channel(file, {"channel": names[0]}, refused.value) is None
+
+
+def test_a_map_of_which_nothing_shows_the_top_row_asks_and_proposes_nothing(tmp_path):
+    heights = {}
+    for order in ROW_ORDERS:
+        file = shutil.copy(SAMPLES / "vk/samples/plain.vk4", tmp_path / f"{order[:3]}.vk4")
+        session = Session(Places([tmp_path]))
+        with pytest.raises(Ask, match="nothing shows") as asked:
+            session.open([str(file)])
+        (field,) = asked.value.fields
+        assert (field["name"], field["value"]) == ("row_order", "")
+        assert field["choices"] == list(ROW_ORDERS)
+        session.open([str(file)], {"row_order": order})
+        opened, document = session.need()
+        assert tomllib.loads(document.text)["input"]["row_order"] == order
+        heights[order] = opened.material.obj.z
+    np.testing.assert_array_equal(*(z[:: 1 - 2 * k] for k, z in enumerate(heights.values())))
 
 
 def test_no_channel_is_asked_for_where_there_is_none_to_choose(tmp_path):

@@ -146,3 +146,16 @@ def test_a_path_that_cannot_be_is_refused_with_a_sentence(folder: Path, path: st
             answers(folder).answer({"k": request, "path": path})
         assert len(str(refused.value)) < 200
         str(refused.value).encode()
+
+
+def test_the_list_begins_where_a_file_was_opened_last(folder: Path) -> None:
+    """A new start has nothing open: the last folder is that of the latest file inside what may be opened."""
+    file = folder / "lot" / "deep.x3p"
+    file.write_bytes((folder / "Part.x3p").read_bytes())
+    assert answers(folder).answer({"k": "list"})[0]["path"] == str(folder)
+    first = answers(folder)
+    first.answer({"k": "open", "paths": [str(file)]})
+    assert answers(folder).answer({"k": "list"})[0]["path"] == str(folder / "lot")
+    alone = folder / "empty"
+    alone.mkdir()
+    assert answers(alone).answer({"k": "list"})[0]["path"] == str(alone)  # that one lies outside

@@ -10,7 +10,7 @@ from contracts.recipes import mean_of_runs
 
 import metrosep as ms
 from metrosep.app.documents import Edit, Places
-from metrosep.app.mends import mends_of_edit
+from metrosep.app.mends import mends_of_edit, mends_of_step
 from metrosep.app.server import Answers
 from metrosep.app.sessions import Session
 from metrosep.core.errors import MetrosepError
@@ -248,3 +248,34 @@ def test_runs_that_a_method_cannot_separate_get_one_that_can_wherever_they_are_a
         assert mend["label"] == "Set method = mean"
     press(answers, mend)
     assert answers.answer({"k": "curves", "level": "full"})[0]["separated"]
+
+
+def test_a_quantity_that_a_message_has_as_an_example_is_asked_for_and_never_set(tmp_path):
+    session = opened(tmp_path, 3e-6).session
+    _, document = session.need()
+    step = {"op": "filter", "kind": "gaussian"}
+    edits = [Edit(("step", 0), document.recipe.steps[0], step)]
+    error = MetrosepError('a gaussian filter needs cutoff = "25 um"')
+    assert mends_of_edit(document, edits, error) == []  # nothing can be set without a person
+    (ask, *_) = [m for m in mends_of_step(document, 0, error) if m["ask"]]
+    assert ask["ask"]["hint"] == "such as 25 um"
+    assert ask["edits"][-1]["new"] is None
+
+
+@pytest.mark.parametrize(
+    ("keys", "label"),
+    [
+        ({"op": "filter", "kind": "spline", "band": "stop", "cutoff": "30 um"}, "Set kind = gaussian"),
+        ({"op": "psd", "limit": "rms = 5 nm from 10 um to 50 um", "estimate": "slopes", "detrend": "mean"},
+         "Set detrend = plane"),
+    ],
+)  # fmt: skip
+def test_what_an_error_carries_is_offered_where_a_step_is_refused(tmp_path, keys, label):
+    session = opened(tmp_path, 3e-6).session
+    _, document = session.need()
+    steps = document.recipe.steps
+    edits = [Edit(("step", len(steps)), None, keys)]
+    with pytest.raises(MetrosepError) as refused:
+        document.copy().edit(edits)
+    hints = refused.value.hints
+    assert [f"Set {k} = {v}" for hint in hints for k, v in hint.items()] == [label]

@@ -176,3 +176,55 @@ def test_the_page_may_show_it_and_no_script_of_it_runs(part):
     assert "data:" in rules["img-src"].split()
     assert "'unsafe-inline'" in rules["style-src"].split()
     assert "frame-src" not in rules  # default-src 'none': no frame may load an address
+
+
+def test_a_head_written_beside_the_file_later_stands_in_the_next_report(part, session):
+    pages = []
+    for number in ("", 'number = "2026-0815"\n', 'number = "2026-0816"\n'):
+        if number:
+            part.with_name("part.report.toml").write_text(number)
+        pages.append(bytes(ask(session)[1]["html"]).decode())
+    assert ["2026-0815" in page for page in pages] == [False, True, False]
+    assert "2026-0816" in pages[2]
+
+
+REPORT = {"number": "2026-0815", "laboratory": {"name": "Laboratory of the test"}}
+
+
+def test_what_the_recipe_states_for_a_report_stands_in_it_as_in_that_of_the_run(session, part):
+    """[report] is outside the hash of a recipe: the page must not keep what was made without it."""
+    before = bytes(ask(session)[1]["html"]).decode()
+    session.edit([Edit(("report",), None, REPORT)])
+    part.with_name("part.report.toml").write_text('customer = { name = "Customer of the test" }\n')
+    opened, document = session.need()
+    page = bytes(ask(session)[1]["html"]).decode()
+
+    assert "2026-0815" not in before
+    assert page == render_html(document.recipe.run(list(opened.files)).document)
+    assert "2026-0815" in page
+    assert "Customer of the test" in page
+
+
+def test_runs_and_methods_too(tmp_path):
+    x = np.linspace(0.0, 50.0, 101)
+    rows = [f"{r},{a},{np.cos(a) + 0.01 * r}" for r in range(3) for a in x]
+    (tmp_path / "runs.csv").write_text("run,x_mm,z_um\n" + "\n".join(rows) + "\n")
+    head = 'metrosep = 1\n[report]\nnumber = "NO"\n'
+    (tmp_path / "runs.toml").write_text(
+        head + '[input]\nfiles = ["runs.csv"]\nx = "x_mm"\nz = "z_um"\nrun = "run"\n'
+        '[[step]]\nop = "separate"\nmethod = "mean"\n'
+    )
+    (tmp_path / "rank.toml").write_text(RANK.replace("metrosep = 1\n", head))
+    for name in ("runs.toml", "rank.toml"):
+        session = Session(Places([tmp_path]))
+        session.open(str(tmp_path / name))
+        for old, number in (("NO", "A-1"), ("A-1", "A-2")):
+            session.edit([Edit(("report", "number"), old, number)])
+            page = bytes(ask(session)[1]["html"]).decode()
+            assert number in page, name
+        files = list(session.opened.files)
+        run = session.document.recipe.run(files or None)
+        assert (
+            full_results.full_result(session, lambda: False, lambda news: None).to_json()
+            == run.to_json()
+        )

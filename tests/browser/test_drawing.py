@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.conftest import STEP, N
+from browser.conftest import FULL, STEP, N, chromium
 from browser.test_work import choose, printed, settled
 
 from metrosep.recipe.recipe import without_view_block
@@ -619,3 +619,88 @@ def test_alt_takes_the_peak_near_by_and_a_round_section_is_laid_into_the_apertur
     assert np.abs(np.subtract(point(ring["centre"]), (310 * STEP, 290 * STEP))).max() < STEP
     assert metres(ring["radius"]) == pytest.approx(0.98 * 270 * STEP, abs=STEP)
     assert page.errors == []
+
+
+def test_escape_gives_up_what_is_being_drawn(opened: Opened, map_file: Path) -> None:
+    """Also with a button that is still held: its release adds nothing."""
+    page = opened(map_file)
+    x, y = page.middle("#map canvas")
+    for key in "cxlbagt":
+        page.press(key)
+        page.mouse("mouseMoved", x, y)
+        page.mouse("mousePressed", x, y)
+        page.mouse("mouseMoved", x + 40, y + 20, held=True)
+        page.mouse("mouseMoved", x + 10, y + 60, held=True)
+        page.press("Escape")
+        page.mouse("mouseMoved", x + 60, y, held=True)
+        page.mouse("mouseReleased", x + 60, y)
+        page.press("Escape")  # the tool
+    page.run("new Promise((done) => setTimeout(done, 500))")
+    assert page.run("document.getElementById('undo').disabled")
+    assert page.text("#alerts") == ""
+
+
+def test_a_polygon_without_area_stays_open_and_red(opened: Opened, map_file: Path) -> None:
+    page = opened(map_file)
+    x, y = page.middle("#map canvas")
+    page.press("p")
+    for i in range(3):
+        for kind in ("mousePressed", "mouseReleased"):
+            page.mouse(kind, x + 40 * i, y + 20 * i)
+    stroke = "getComputedStyle(document.querySelector('.draw-shape.draft .over')).stroke"
+    usual = page.run(stroke)
+    page.press("Enter")
+    page.wait("document.getElementById('alerts').textContent.includes('not all on one line')")
+    assert page.run(stroke) == "rgb(255, 92, 92)" != usual
+    for kind in ("mousePressed", "mouseReleased"):
+        page.mouse(kind, x, y + 80)
+    assert page.run(stroke) == usual
+    page.press("Enter")
+    page.wait("document.querySelector('#shapes .draw-chip') !== null")
+
+
+def test_a_polygon_that_crosses_itself_is_taken_with_a_warning(
+    opened: Opened, map_file: Path
+) -> None:
+    """Its signed area is nothing; even-odd it excludes two triangles."""
+    page = opened(map_file)
+    x, y = page.middle("#map canvas")
+    page.press("p")
+    for dx, dy in ((-80, 40), (0, 120), (-80, 120), (0, 40)):
+        for kind in ("mousePressed", "mouseReleased"):
+            page.mouse(kind, x + dx, y + dy)
+    page.press("Enter")
+    page.wait("document.querySelector('#shapes .draw-chip') !== null")
+    page.wait("document.getElementById('messages').title.includes('cross')")
+    assert page.text("#alerts") == ""
+
+
+SOCKETS = """window.sockets = []; const Real = WebSocket;
+  window.WebSocket = class extends Real { constructor(address) { super(window.cut ? 'ws://127.0.0.1:9/' : address); window.sockets.push(this); } };"""
+
+
+def test_a_shape_drawn_without_connection_is_sent_again_once(tab: Any, map_file: Path) -> None:
+    with chromium.workbench(map_file) as address:
+        script = tab.call("Page.addScriptToEvaluateOnNewDocument", source=SOCKETS)["identifier"]
+        try:
+            tab.go(address)
+            tab.wait(FULL)
+            tab.run("(window.cut = true, window.sockets.at(-1).close())")
+            tab.wait("document.querySelector('#status-link.lost') !== null")
+            x, y = tab.middle("#map canvas")
+            tab.press("x")
+            tab.drag((x - 40, y - 20), (60, 30))
+            tab.wait("document.querySelector('.alert p') !== null")
+            assert "sent again when the connection is back" in tab.text(".alert p")
+            tab.run("window.cut = false")
+            tab.wait("document.querySelector('#shapes .draw-chip') !== null")
+            assert tab.text("#alerts") == ""
+            tab.run("(window.cut = true, window.sockets.at(-1).close())")
+            tab.wait("document.querySelector('#status-link.lost') !== null")
+            tab.run("window.cut = false")
+            tab.wait("document.querySelector('#status-link.lost') === null")
+            tab.wait(FULL)
+            assert tab.run("document.querySelectorAll('#shapes .draw-chip').length") == 1
+        finally:
+            tab.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
+            tab.go("about:blank")

@@ -308,3 +308,23 @@ def test_the_choice_of_columns_is_in_the_recipe_and_gives_the_bytes_of_metrosep_
     shown_pv, half = printed(page, "residual.pv")
     assert abs(shown_pv - np.ptp(residual) * 1e-6) <= half
     assert page.errors == []
+
+
+def test_what_another_page_puts_right_takes_the_message_away(
+    opened: Opened, map_file: Path
+) -> None:
+    """Two pages follow one file: the message of a half written one must not stay in either."""
+    page = opened(map_file)
+    page.press("o")
+    page.wait("document.querySelector('dialog[open]') !== null")
+    page.fill("dialog [name=path]", str(map_file.with_name("missing.x3p")))
+    page.press("Enter")
+    page.wait("document.querySelector('.alert p') !== null")
+    other = (
+        "new Promise((done) => { const s = new WebSocket(`ws://${location.host}/ws?token=${sessionStorage.getItem('token')}`);"
+        "s.onopen = () => s.send(JSON.stringify({ id: 1, k: 'edit', edits: [{ path: ['step', 0, 'enabled'], old: null, new: false }] }));"
+        "s.onmessage = () => { done(true); s.close(); }; })"
+    )
+    assert page.run(other)
+    page.wait("document.querySelector('.alert') === null")
+    assert page.run("document.querySelector('[aria-label=\"Step 1, form: on\"]').checked") is False

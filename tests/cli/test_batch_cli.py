@@ -248,3 +248,19 @@ def test_the_recipe_that_measure_prints_measures_a_folder_as_its_last_line_says(
     code, found = said("batch", "qa.toml", "in", "-o", "again")
     assert code == 4
     assert "-s 'input.files=[\"*.x3p\"]'" in found.err
+
+
+def test_one_number_for_several_reports_is_named_with_the_cure(home, capsys):
+    call(home, "--dry-run", "--report", "number=2026-7")
+    assert '"2026-7-{file}"' in capsys.readouterr().err
+    call(home, "--dry-run", "--report", "number=2026-7-{file}")
+    assert "is the same for" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("installed", "best"), [(object(), "xlsx"), (None, "csv")])
+def test_the_last_line_names_a_format_that_can_be_written_here(
+    home, capsys, monkeypatch, installed, best
+):
+    monkeypatch.setattr("metrosep.cli.batches.find_spec", lambda _name: installed)
+    call(home)
+    assert f"--format {best} -o reports" in capsys.readouterr().err.splitlines()[-1]

@@ -32,7 +32,7 @@ SEPARATE = ("separate", RUNS, *COLUMNS, "--method", "mean", "--compensates", "Z"
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--table", "csv=x.csv; spacng=1 mm"), "did you mean spacing?"),
+        (("--table", "csv=x.csv; spacng=1 mm"), 'Did you mean "spacing"?'),
         (("--table", "csv=gone/x.csv"), "the folder gone does not exist"),
         (("--table", "csv=file/x.csv"), "the folder file does not exist"),
         (("-o", "file/out"), "file is a file, not a folder"),
@@ -132,9 +132,12 @@ def test_places_of_axes_and_facts_are_asked_for_together(metrosep, folder):
     for words, lacks in (
         (
             ("machine-tables", "--over", "X", "--spacing", "1 mm", "-o", "t", "--format", "pmac"),
-            ("machine count=...", "at Y=0 mm", "at A=0 deg", "at C=0 deg"),
+            ("machine count=...", 'at "Y=0 mm"', 'at "A=0 deg"', 'at "C=0 deg"'),
         ),
-        (("volume", "--tolerance", "1 um"), ("at A=0 deg", "at C=0 deg")),
+        (
+            ("volume", "--tolerance", "1 um"),
+            ('span "Y=0 mm..400 mm"', 'span "Z=0 mm..400 mm"', 'at "A=0 deg"', 'at "C=0 deg"'),
+        ),
     ):
         code, _, err = metrosep(words[0], *machine, *words[1:])
         assert code == 2

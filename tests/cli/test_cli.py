@@ -49,7 +49,8 @@ def test_help_imports_no_numpy():
     assert "separate" in done.stdout
 
 
-def test_separate_prints_json_on_stdout_and_the_rest_elsewhere(metrosep, runs_csv):
+def test_separate_prints_json_on_stdout_and_the_rest_elsewhere(metrosep, runs_csv, monkeypatch):
+    monkeypatch.setattr("metrosep.cli.jobs._AT_ONCE", 0.0)
     code, out, err = metrosep(
         "separate", runs_csv, *COLUMNS, "--start", "0 mm", "--length", "30 mm", "--json"
     )

@@ -710,3 +710,128 @@ def test_a_wave_as_long_as_the_spacing_is_not_called_nothing(metrosep, tmp_path,
     assert code == 2
     assert "Y over Y: the error of 10 um P-V is nothing at every node" in err.replace("\n", " ")
     assert not (tmp_path / "out").exists()
+
+
+# ---- several files for one control -------------------------------------------------------------------
+
+CEC = (
+    "--over", "X", "--spacing", "50 mm", "--at", "Y=0 mm", "--at", "Z=0 mm", "--format", "sinumerik-cec",
+    "--machine", "input_axis=AX1", "--sign-confirmed", "-o", "out",
+)  # fmt: skip
+EACH = ("--machine", "x-x.output_axis=AX1", "--machine", "x-y.output_axis=AX2", "--machine", "x-z.output_axis=AX3")  # fmt: skip
+APART = ("--machine", "x-y.table_index=1", "--machine", "x-z.table_index=2")
+
+
+def test_what_each_file_of_a_control_needs_is_asked_for_by_its_name(metrosep, stack):
+    code, _, err = metrosep(*CALL, *CEC)
+    assert code == 2
+    for name in "xyz":
+        assert f"'--machine x-{name}.output_axis=...'" in err
+
+
+@pytest.mark.parametrize(
+    ("facts", "said"),
+    [
+        (("--machine", "output_axis=AX1"), "--machine x-y.output_axis=..."),
+        (EACH, "--machine x-y.table_index=..."),
+    ],
+)
+def test_files_that_a_control_would_take_for_one_another_are_refused(metrosep, stack, facts, said):
+    """All three correcting AX1, or each replacing table 0 as it is loaded: every file alone would be right."""
+    code, _, err = metrosep(*CALL, *CEC, *facts)
+    assert code == 2
+    assert said in err
+    assert not (stack / "out").exists()
+
+
+def test_files_that_a_control_can_hold_side_by_side_are_written(metrosep, stack):
+    code, _, err = metrosep(*CALL, *CEC, *EACH, *APART)
+    assert code == 0, err
+    named = {}
+    for name in "xyz":
+        text = (stack / "out" / f"x-{name}.INI").read_text()
+        named[name] = {
+            line.partition("[")[2][0] for line in text.splitlines() if line.startswith("$AN_CEC[")
+        }
+        assert f"AX{'xyz'.index(name) + 1}" in text
+    assert named == {"x": {"0"}, "y": {"1"}, "z": {"2"}}
+    assert err.splitlines()[-1].startswith("next: metrosep calibrate stack.toml")
+
+
+TRUNNION = ("table", "c.toml", "--from-machine", "five_axis", "--over", "A", "--spacing", "30 deg")
+THERE = ("--span", "A=-90 deg..30 deg", "--at", "X=65 mm", "--at", "Y=-20 mm", "--at", "Z=130 mm", "--at", "C=0 deg")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (("--pivot-height", "80 mm"), (
+            '--span "A=0 deg..360 deg"', '--at "X=0 mm"', '--at "Y=0 mm"', '--at "Z=0 mm"', '--at "C=0 deg"',
+        )),
+        (("--pivot-height", "80 mm", *THERE, "--format", "linuxcnc"), ("--format linuxcnc-lincurve",)),
+        (("--pivot-height", "80 mm", *THERE, "--format", "sinumerik-cec", "--sign-confirmed", *(
+            w for f in ("input_axis=AX4", "a-x.output_axis=AX1", "a-y.output_axis=AX2", "a-z.output_axis=AX3")
+            for w in ("--machine", f)
+        )), ('--machine "input_turns=True"',)),
+    ],
+)  # fmt: skip
+def test_the_four_places_and_the_turning_axis_are_asked_for_in_words_of_the_command(
+    metrosep, tmp_path, monkeypatch, more, said
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "c.toml").write_text('Y0A = "7 um"\nB0C = "-20 urad"\n')
+    code, _, err = metrosep(*TRUNNION, *more, "-o", "out")
+    assert code == 2
+    for text in said:
+        assert text in err
+    assert "controller=" not in err
+    assert list(tmp_path.iterdir()) == [tmp_path / "c.toml"]
+
+
+def test_a_preset_lacks_its_size_in_the_same_breath_as_other_options(
+    metrosep, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = metrosep("table", "c.toml", "--from-machine", "five_axis", "-o", "out")
+    assert code == 2
+    for option in ("'--over'", "'--spacing'", "'--pivot-height'"):
+        assert option in err
+
+
+def test_the_way_from_a_calibration_to_tables_of_a_trunnion_ends_in_the_right_corrections(
+    metrosep, tmp_path, monkeypatch
+):
+    """The lines of A and C as bodies, with matrices written here: the corrections follow the displaced part."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "c.toml").write_text(
+        'Y0A = "7 um"\nZ0A = "-5 um"\nB0A = "12 urad"\nC0A = "-9 urad"\n'
+        'X0C = "-8 um"\nY0C = "-4 um"\nA0C = "14 urad"\nB0C = "-20 urad"\n'
+    )
+    code, _, err = metrosep(*TRUNNION, "--pivot-height", "80 mm", *THERE, "-o", "out")
+    assert code == 0, err
+
+    def body(turn, shift):
+        a, b, c = turn
+        made = np.eye(4)
+        made[:3, :3] = [[1, -c, b], [c, 1, -a], [-b, a, 1]]
+        made[:3, 3] = shift
+        return made
+
+    def pose(a, size):
+        tilted = np.eye(4)
+        tilted[1:3, 1:3] = [
+            [np.cos(a), np.sin(a)],
+            [-np.sin(a), np.cos(a)],
+        ]  # the table turns by -a
+        cradle = body(size * np.array([0, 12, -9]), size * np.array([0, 7, -5]))
+        table = body(size * np.array([14, -20, 0]), size * np.array([-8, -4, 0]) + [0, 0, 0.08])
+        return cradle @ tilted @ table
+
+    tool = np.array([0.065, -0.02, 0.13, 1.0])
+    moved = lambda a: ((pose(a, 1e-6) - pose(a, 0.0)) @ np.linalg.solve(pose(a, 0.0), tool))[:3]  # noqa: E731
+    for k, axis in enumerate("xyz"):
+        rows = (tmp_path / "out" / f"a-{axis}.csv").read_text().splitlines()[1:]
+        found = np.array([[float(v) for v in row.split(",")[:2]] for row in rows])
+        wanted = [(moved(a)[k] - moved(0.0)[k]) / UM for a in found[:, 0]]
+        assert np.ptp(wanted) > 1.0
+        assert np.abs(found[:, 1] - wanted).max() < ROUNDING_UM

@@ -105,7 +105,7 @@ def test_rank_recipe_does_the_same(metrosep, tmp_path):
 @pytest.mark.parametrize(
     ("words", "part"),
     [
-        (("fts_lath", *TORIC, "--all-lengths", "1 um"), "did you mean fts_lathe"),
+        (("fts_lath", *TORIC, "--all-lengths", "1 um"), 'Did you mean "fts_lathe"'),
         (("none.toml", *TORIC, "--all-lengths", "1 um"), "no such file"),
         (("fts_lathe", *TORIC, "--error", "EXQ=1 um"), "'EXQ' is not an error term"),
         (("fts_lathe", *TORIC, "--error", "EXX=1"), "EXX '1' has no unit"),

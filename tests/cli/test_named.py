@@ -67,7 +67,7 @@ def test_printed_recipe_does_the_same(metrosep, readings, tmp_path):
 @pytest.mark.parametrize(
     ("words", "match"),
     [
-        (("--method", "donaldsen"), "Did you mean donaldson"),
+        (("--method", "donaldsen"), 'Did you mean "donaldson"'),
         ((*NAMED, "--z", "m1_nm"), "--z belongs to repeated runs"),
         ((*NAMED, "--set", "radius=2 mm"), 'unknown key "radius"'),
         ((*NAMED, "--set", "u_index=2 mm"), "u_index"),
@@ -122,7 +122,7 @@ def test_one_step_is_explained_key_by_key(metrosep):
 
     code, _, err = metrosep("ops", "multprobe")
     assert code == 2
-    assert "Did you mean multiprobe" in err
+    assert 'Did you mean "multiprobe"' in err
 
 
 def test_every_option_of_repeated_runs_can_be_set(metrosep, tmp_path):

@@ -122,6 +122,42 @@ def test_the_help_of_an_option_stands_alone():
     assert bad == []
 
 
+def commands():
+    context = click.Context(cli, info_name="metrosep")
+    return {name: cli.get_command(context, name) for name in cli.list_commands(context)}
+
+
+def test_every_option_has_a_help_line():
+    assert [
+        (name, option.opts)
+        for name, command in commands().items()
+        for option in command.params
+        if isinstance(option, click.Option) and not option.help
+    ] == []
+
+
+def test_every_command_shows_examples_first_that_it_would_take():
+    """Each example is parsed by its own command: an option that it lacks, or one that is missing, fails."""
+    for name, command in commands().items():
+        page = command.get_help(click.Context(command, info_name=f"metrosep {name}"))
+        lines = page.partition("Examples:")[2].partition("\n\n")[0].splitlines()
+        examples = [v.strip() for v in lines if f"metrosep {name}" in v]
+        assert examples, name
+        assert page.index("Examples:") < page.index("Options:"), name
+        for text in examples:
+            if text.startswith("eval"):
+                continue
+            _, _, typed = text.partition(f"metrosep {name}")
+            given = shlex.split(typed.partition(" > ")[0])
+            options, words, _ = command.make_parser(click.Context(command)).parse_args(given)
+            for option in command.params:
+                found = options.get(option.name)
+                assert found is not None or not option.required, (text, option.name)
+                if found is not None and isinstance(option, click.Option):
+                    option.type_cast_value(click.Context(command), found)
+            assert words == [], text
+
+
 # ---- rules of the command line -------------------------------------------------------------------
 
 
@@ -190,6 +226,7 @@ def test_completion_answers(capsys, monkeypatch):
         ("identify fts_lathe map.x3p --cur", "plain,--curves"),
         ("table --from", "plain,--from-machine"),
         ("table --from-machine mi", "plain,mill_xyz"),
+        ("table err.csv --from-machine mi", "plain,mill_xyz"),
         ("table --from-machine mill_xyz er", "file,er"),
         ("table --from-machine=mill_xyz --ov", "plain,--over"),
         ("measure pa", "file,pa"),
@@ -235,6 +272,19 @@ def test_a_long_command_says_what_it_is_at(monkeypatch, capsys):
     assert module._Heartbeat(["--help"], {})._quiet
 
 
+def test_progress_begins_after_half_a_second(capsys, monkeypatch):
+    from metrosep.cli import jobs
+
+    clock = iter([10.0, 10.4, 10.6])
+    monkeypatch.setattr(jobs.time, "monotonic", lambda: next(clock))
+    context = click.Context(cli, obj={})
+    tell = jobs.progress(context)
+    tell("reading")
+    tell("fitting")
+    assert capsys.readouterr().err == "metrosep: fitting\n"
+    assert context.obj["phase"] == "fitting"
+
+
 @pytest.mark.parametrize(
     ("words", "phase"),
     [
@@ -266,7 +316,7 @@ def test_verbs_beside_the_recipe_name_their_phase(words, phase, repository, tmp_
         ("rank fts_lathe", "Missing options '--form' and '--radius'."),
         (
             "machine-tables fts_lathe -o out",
-            "argument 'ERRORS...' and options '--over' and '--spacing'.",
+            "argument 'ERRORS...' and options '--over' and '--spacing' and '--radius'.",
         ),
         ("batch parts -o out", "metrosep batch RECIPE DIR -o OUT"),
         ("rank fts_lathe --form 'sphere: R=1 m' --radius '9 mm'", '--error "EXX=1 um"'),
@@ -280,3 +330,33 @@ def test_verbs_beside_the_recipe_name_their_phase(words, phase, repository, tmp_
 def test_all_that_is_missing_is_said_at_once_in_words_of_the_command(words, says, capsys):
     assert run(*shlex.split(words)) in (2, 4)
     assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        ("controllers linuxncc", "linuxcnc"),
+        ("ops donaldsn", "donaldson"),
+        ("info {file} --as delimitd", "delimited"),
+        ("measure {file} --form spher", "sphere"),
+        ("measure {file} --set seperator=tab", "separator"),
+        ("convert {file} {out}/part.x3pp", "x3p"),
+        ("geometry run_ot {file}", "run_out"),
+        ("measure {file} --kind p", "P"),
+        ("completion bsh", "bash"),
+        ("report {out} --format htm -o {out}/r", "html"),
+        ("rank sts_lath --form plane --radius '1 mm'", "sts_lathe"),
+        ("rank sts_lathe --form plane --radius '1 mm' --all-lengths '1 um' --removed pistn", "piston"),
+        ("run {out}/step.toml -o {out}/r", "form"),
+    ],
+)  # fmt: skip
+def test_a_word_that_is_nearly_known_is_asked_for(words, meant, repository, tmp_path, capsys):
+    (tmp_path / "step.toml").write_text(
+        'metrosep = 1\n[input]\nfiles = ["a"]\n[[step]]\nop = "frm"\n'
+    )
+    part = repository / "examples/measured_part/measured.sdf"
+    if "seperator" in words or "delimitd" in words:
+        part = tmp_path / "a.csv"
+        part.write_text("x_mm,z_um\n" + "".join(f"{i},{i % 3}\n" for i in range(20)))
+    assert run(*shlex.split(words.format(file=part, out=tmp_path))) != 0
+    assert f'Did you mean "{meant}"?' in capsys.readouterr().err

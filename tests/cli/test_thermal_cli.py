@@ -7,23 +7,25 @@ import tomllib
 
 import pytest
 
+from metrosep.cli.main import main
+
 COLUMNS = ("--time", "t_s", "--temperature", "bearing_degC,column_degC,room_degC")
 READ = ("--reading", "EZZ_um", "--tilt", "EBX_urad")
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def folder(repository):
     return repository / "examples" / "thermal"
 
 
-@pytest.fixture
-def stored(metrosep, folder, tmp_path):
-    """The thermal.json of the warm-up."""
-    code, _, _ = metrosep(
-        "thermal", str(folder / "warm_up.csv"), *COLUMNS, *READ, "-o", str(tmp_path / "fit")
-    )
-    assert code == 0
-    return tmp_path / "fit" / "thermal.json"
+@pytest.fixture(scope="module")
+def stored(folder, tmp_path_factory):
+    """The thermal.json of the warm-up, fitted once: nobody writes to it."""
+    out = tmp_path_factory.mktemp("thermal") / "fit"
+    with pytest.raises(SystemExit) as stop:
+        main(["thermal", str(folder / "warm_up.csv"), *COLUMNS, *READ, "-o", str(out)])
+    assert stop.value.code == 0
+    return out / "thermal.json"
 
 
 def test_the_end_of_another_day_is_foretold(metrosep, folder, stored, tmp_path):

@@ -165,3 +165,59 @@ def test_lost_motion_of_unknown_uncertainty_stays_out_of_the_table():
 
     assert abs(jumps[0]) < 0.2e-6
     assert abs(jumps[1] + 2e-6) < 0.2e-6
+
+
+@pytest.mark.parametrize("lost", [LOST, -LOST])
+def test_two_runs_each_way_are_judged_with_the_lost_motion_that_the_table_has(lopsided, lost):
+    """Without one pair a single run is left each way: it does not show the lost motion by itself."""
+    from metrosep.separation import separate
+
+    rng = np.random.default_rng(3)
+    measured = RunSet(
+        [
+            Run(run.x, run.z + 10 * NM * (rng.standard_normal() + rng.standard_normal(run.x.size)),
+                feed=0.1, run_id=str(i))
+            for i, run in enumerate(runs(lopsided, lost))
+        ]
+    )  # fmt: skip
+    estimate = separate(measured, method="mean")
+    table = CompensationTable.from_error(estimate, positions="1 mm", axis="X")
+    found = table.verify(measured).lost_motion
+
+    assert found.step == pytest.approx(-lost, abs=30 * NM)  # what stands in the columns
+    assert found.before == pytest.approx(lost, abs=30 * NM)
+    assert found.after == pytest.approx(0.0, abs=30 * NM)
+    assert found.passed
+
+
+def test_two_runs_each_way_still_refuse_a_lost_motion_of_the_wrong_sign(lopsided):
+    from metrosep.separation import separate
+
+    measured = runs(lopsided, offsets=((0.0, 5 * NM), (0.0, -5 * NM)))
+    estimate = separate(measured, method="mean")
+    table = CompensationTable.from_error(estimate, positions="1 mm", axis="X")
+    wrong = shifted(table, float(np.mean(table.forward - table.reverse)))
+    with pytest.raises(
+        SignCheckFailedError, match=r"lost motion .*larger, its step is (69|70)\d(\.\d)? nm"
+    ):
+        wrong.verify(measured)
+
+
+def test_two_cycles_of_a_list_are_judged_with_the_two_columns_that_the_table_has():
+    from metrosep.separation.positions.pitch import pitch_errors_of
+
+    rng, x = np.random.default_rng(2), np.linspace(0.0, 0.5, 21)
+    error = 2e-6 * np.sin(12.0 * x)
+    cycles = RunSet(
+        [
+            Run(x[::d], (error + LOST * (d < 0) + 5 * NM * rng.standard_normal(21))[::d], run_id=f"{k}{d}")
+            for k in range(2)
+            for d in (1, -1)
+        ]
+    )  # fmt: skip
+    table = CompensationTable.from_error(pitch_errors_of(cycles), axis="X")
+    found = table.verify(cycles).lost_motion
+
+    assert table.reverse is not None
+    assert found.step == pytest.approx(-LOST, abs=10 * NM)
+    assert found.after == pytest.approx(0.0, abs=10 * NM)

@@ -204,7 +204,7 @@ def test_modulo_of_an_input_that_turns():
     assert value("AX3", {"AX1": 360.0 + 135.0}, {}) == pytest.approx(0.0015, abs=1e-12)
     lookup = SinumerikCec().lookup(encoded.data, NOWHERE, input_turns=True)
     assert lookup(np.radians(-225.0)) == pytest.approx(-1.5e-6, abs=1e-14)
-    with pytest.raises(DataError, match="input_turns=False"):
+    with pytest.raises(DataError, match="input_turns=True"):
         SinumerikCec().encode(made, **CROSS)
     with pytest.raises(TableError, match="repeats"):
         SinumerikCec().encode(
@@ -489,7 +489,7 @@ def test_degrees_stay_degrees_without_a_sidecar():
     back = SinumerikCec().decode(data, NOWHERE)
     assert (back.axis, back.compensates) == ("C", "Z")
     np.testing.assert_allclose(back.positions, p, atol=1e-12, rtol=0)
-    with pytest.raises(DataError, match="input_turns=False"):
+    with pytest.raises(DataError, match="input_turns=True"):
         SinumerikCec().decode(data, NOWHERE, input_turns=False)
 
 

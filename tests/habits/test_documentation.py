@@ -31,6 +31,7 @@ def _pages() -> list[Path]:
 
 
 @pytest.mark.parametrize("page", _pages(), ids=lambda p: p.relative_to(REPOSITORY).as_posix())
+@pytest.mark.usefixtures("one_figure_of_a_kind", "separations_once")
 def test_every_block_of_the_page_runs(page, tmp_path, monkeypatch):
     for folder in ("examples", "data_formats"):
         (tmp_path / folder).symlink_to(REPOSITORY / folder)

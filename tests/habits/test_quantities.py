@@ -162,3 +162,18 @@ def test_units_are_taken_and_other_things_refused(module, name, taken, monkeypat
             if not isinstance(error, MetrosepError):
                 wrong.append(f"{parameter}, {what}: {error!r}")
     assert not wrong, "\n".join(wrong)
+
+
+def test_methods_and_budget_lines_take_a_unit_too():
+    line = metrosep.parameters.nonlinearity_line
+    assert line(1e-3, "50 um").value == line(1e-3, 50e-6).value
+    rows = np.random.default_rng(3).normal(size=(2, 3, 12)) * 1e-6
+    angle = np.arange(12) * np.pi / 6
+    donaldson = metrosep.separation.donaldson
+    made = [donaldson(*rows, angle=angle, u_reading=u) for u in ("2 nm", 2e-9)]
+    assert made[0] == made[1]
+    with pytest.raises(MetrosepError, match="no unit"):
+        donaldson(*rows, angle=angle, u_reading="2")
+    limit = metrosep.parameters.psd_limit("A = 0.02 um^3, B = 2 from 0.1 mm to 5 mm")
+    with pytest.raises(MetrosepError, match="low"):
+        limit.mean_square("3", 1e4)

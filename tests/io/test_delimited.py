@@ -67,6 +67,15 @@ def test_units_of_a_header(put, x_name, z_name):
     np.testing.assert_allclose(profile.z, Z, rtol=1e-15, atol=AM)
 
 
+@pytest.mark.parametrize("name", ["feed mm/min", "feed / mm/min", "feed_mm/min", "feed [mm/min]"])
+def test_a_speed_in_a_header_is_no_time(put, name):
+    rows = [f"a;4800;{i};{80 * i};{i % 7}" for i in range(40)]
+    file = put("\n".join([f"run;{name};t ms;x um;z nm", *rows]))
+    runs = ms.read_runs(file, x="x um", z="z nm", feed=name, run="run", time="t ms")
+
+    assert runs[0].feed == pytest.approx(0.08, abs=1e-12)
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "latin-1"])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r", "\r\r\n"])
 def test_encodings_and_line_ends(put, encoding, end):

@@ -281,3 +281,19 @@ def test_questions_and_forms_that_are_none():
             LineTable(["x_mm", "z_um"], "gauge", form)
     with pytest.raises(DataError, match="cannot be asked"), open_line("-", Question("M")):
         pass
+
+
+def test_a_silence_is_told_once_until_something_comes_again(tmp_path):
+    """A pulled cable ends no connection: nothing comes, and nobody says why."""
+    told = []
+    chunks = iter([b"1;2\n", *[b""] * 40, b"2;3\n", *[b""] * 40, None])
+
+    def slow():
+        time.sleep(0.002)
+        return next(chunks)
+
+    table = LineTable(("x_mm", "z_um"), "gauge")
+    record(slow, table, tmp_path / "run.csv", silent=told.append, patience=0.02)
+    assert len(told) == 2
+    assert all(0.02 <= pause < 5.0 for pause in told)
+    assert table.n_rows == 2

@@ -80,6 +80,7 @@ def test_both_ways_agree(monkeypatch: pytest.MonkeyPatch) -> None:
         return found
 
     monkeypatch.setattr(_compiled, "_LONG", 0)
+    monkeypatch.setattr(_compiled, "_PIECE", 32)  # marks of thousands on the edges of pieces
     monkeypatch.setattr(_rows.Body, "_fast", counted)
     found = [_outcome(t) for t in tables]
     monkeypatch.setattr(_rows.Body, "_fast", lambda *_: None)

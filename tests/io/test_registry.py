@@ -198,12 +198,27 @@ def test_the_reader_of_tables_is_never_sure(repository):
     ("start", "program"),
     [(b"\x28\xb5\x2f\xfd", "Zstandard"), (b"7z\xbc\xaf\x27\x1c", "7-Zip")],
 )
-def test_a_file_of_a_packer_that_is_not_known_is_called_so(put, start, program):
-    with pytest.raises(ms.errors.UnknownFormatError, match=f"compressed with {program}; unpack"):
+def test_a_file_of_a_packer_that_is_not_known_is_called_so(put, monkeypatch, start, program):
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)  # without pyarrow
+    with pytest.raises(ms.errors.UnknownFormatError, match=f"compressed with {program}; .*unpack"):
         ms.read(put(start + bytes(range(200)), "map.x3p.gz"))
 
 
-@pytest.mark.parametrize("pack", [gzip, bz2, lzma])
+class Zstandard:
+    @staticmethod
+    def compress(data):
+        return pytest.importorskip("pyarrow").compress(data, codec="zstd", asbytes=True)
+
+
+def test_a_zstandard_file_that_is_cut_or_swells_is_refused(put):
+    packed = Zstandard.compress(b"x_mm,z_um\n" + b"1,1\n" * 40_000_000)
+    with pytest.raises(ms.errors.UnsupportedFeatureError, match="more than 67108864 bytes"):
+        ms.read(put(packed, "table.csv.zst"))
+    with pytest.raises(ms.errors.ReadError, match="cannot be unpacked"):
+        ms.read(put(Zstandard.compress(b"x_mm,z_um\n0,1\n1,2\n2,5\n")[:-9], "table.csv.zst"))
+
+
+@pytest.mark.parametrize("pack", [gzip, bz2, lzma, Zstandard])
 @pytest.mark.parametrize("sample", ["delimited/samples/comma.csv", "sdf/samples/binary-type5.sdf"])
 def test_a_compressed_file_is_read_as_what_it_holds(put, repository, pack, sample):
     plain = repository / "data_formats" / sample
@@ -332,7 +347,10 @@ def test_a_new_format_is_one_folder_and_one_module(put, tmp_path, monkeypatch):
                 cache.cache_clear()
             z = np.arange(6.0).reshape(2, 3) * 1e-9
             good = structure("planted").pack({"columns": 3, "rows": 2, "step": 2.0}, 17)
-            surface = ms.read(put(b"PLANT" + good[5:] + z.tobytes(), "a.bin"))
+            path = put(b"PLANT" + good[5:] + z.tobytes(), "a.bin")
+            with pytest.raises(ms.errors.AmbiguousFormatError, match="row_order="):
+                ms.read(path)  # its description says nothing about the rows
+            surface = ms.read(path, row_order="smallest y first")
             np.testing.assert_array_equal(surface.z, z)
             assert surface.dx == pytest.approx(2e-6, rel=1e-12, abs=0.0)
             with pytest.raises(

@@ -110,3 +110,17 @@ def test_readings_with_extra_columns_by_repeat(put):
     assert data.position_unit == "m"
     with pytest.raises(FormatMismatchError, match="readings of one file"):
         read_readings([file, file], readings="z_nm", extra={"pitch": Role("p_urad", "angle")})
+
+
+def test_a_time_that_counts_from_a_date_keeps_its_digits_over_two_files(tmp_path):
+    """A float of seconds since 1970 holds 0.24 us; steps of 1 us would be 0.95 or 1.19 us."""
+    for k in range(2):
+        rows = "".join(f"{1790000000 + k}.{n:06d},{n % 3}\n" for n in range(10, 16))
+        (tmp_path / f"{k}.csv").write_text("time_s,z_um\n" + rows)
+    roles = {"time": Role("time_s", "time"), "z": Role("z_um", "length")}
+
+    found = read_roles([tmp_path / "0.csv", tmp_path / "1.csv"], roles)
+
+    expected = [k + n * 1e-6 for k in range(2) for n in range(6)]
+    np.testing.assert_allclose(found.values["time"], expected, rtol=0, atol=1e-12)
+    assert sum("counts from a date" in w for w in found.warnings) == 2

@@ -155,3 +155,75 @@ def test_a_count_of_rows_that_is_asked_for_with_its_unit_is_read(tmp_path):
     path = put(tmp_path, "sample;z_um", lambda k: (k + 5, Z[k]))
 
     assert ms.read(path, x="sample:um", z="z_um").x[-1] == pytest.approx((N + 4) * 1e-6, abs=1e-15)
+
+
+ROWS, LATE = 4000, 2273
+"""More rows than the sample looks at, and one that it does not."""
+
+
+def _with_remark(put, named, late, place=2):
+    rows = []
+    for k in range(ROWS):
+        fields = [f"{k * 0.01:.2f}", f"{k * 7 % 13 / 10:.1f}"]
+        fields.insert(place, late.get(k, ""))
+        rows.append(",".join(fields))
+    return put(f"{named}\n" + "\n".join(rows) + "\n")
+
+
+@pytest.mark.parametrize("word", ["chip seen", "5 chips", "1O5"])
+@pytest.mark.parametrize(("named", "place"), [("x_mm,z_um,remark", 2), ("x_mm,remark,z_um", 1)])
+def test_a_remark_far_below_empty_fields_is_read(put, named, place, word):
+    found = ms.read(_with_remark(put, named, {LATE: word}, place))
+
+    assert found.x.tolist() == [float(f"{k * 0.01:.2f}") * 1e-3 for k in range(ROWS)]
+    assert found.z.tolist() == [float(f"{k * 7 % 13 / 10:.1f}") * 1e-6 for k in range(ROWS)]
+    assert found.metadata["lines"]["data"] == ROWS
+
+
+def test_a_remark_far_below_that_calls_its_row_bad_is_said(put):
+    found = ms.read(_with_remark(put, "x_mm,z_um,remark", {LATE: "bad row"}))
+
+    assert f"skip_lines='{LATE + 2}'" in " ".join(found.metadata["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("named", "late"),
+    [
+        ("x_mm,z_um,z2_um", {LATE: "chip"}),  # a unit: numbers belong there
+        ("x_mm,z_um,temperature", {LATE: "chip"}),
+        ("x_mm,z_um,other", {LATE: "chip", LATE - 1200: "5.5"}),
+        ("x_mm,z_um,other", {LATE: "chip", LATE + 1200: "5.5"}),
+    ],
+)
+def test_words_among_numbers_that_begin_late_are_refused_with_an_option_that_works(
+    put, named, late
+):
+    path = _with_remark(put, named, late)
+
+    with pytest.raises(ms.errors.CorruptFileError, match=f"line {LATE + 2}") as refused:
+        ms.read(path)
+
+    assert f"skip_lines='{LATE + 2}'" in str(refused.value)
+    assert len(ms.read(path, skip_lines=str(LATE + 2), x="x_mm", z="z_um").x) == ROWS - 1
+
+
+@pytest.mark.parametrize(
+    ("options", "answer"),
+    [
+        ({"lateral_step": "10 um"}, {"z": "z_um"}),
+        ({"sampling_rate": "1 kHz"}, {"channel": "z_um"}),
+    ],
+)
+def test_rows_whose_numbers_have_a_gap_have_no_counted_place(tmp_path, options, answer):
+    path = put(tmp_path, "no;z_um", lambda k: (k + 1 + 2 * (k >= 30), Z[k]))
+
+    ((name, value),) = answer.items()
+    with pytest.raises(
+        ms.errors.FormatMismatchError, match=r"line 32: .*from 30 to 33"
+    ) as refused:
+        ms.read(path, **options)
+    assert f"{name}='{value}'" in str(refused.value)
+    read = ms.read(path, **options, **answer)
+    assert any("rows may be missing" in w for w in read.metadata["warnings"])
+    whole = put(tmp_path, "no;z_um", lambda k: (k + 1, Z[k]))
+    assert ms.read(whole, **options).metadata["warnings"] == ()

@@ -56,6 +56,12 @@ READ = {
         [0.0, 1.0, 2.0],
     ),
     "a century ends": (["31.12.99 23:59:59", "01.01.00 00:00:00"], [0.0, 1.0]),
+    "without marks": (["20261130T235959Z", "20261201T000000Z"], [0.0, 1.0]),
+    "without marks, with a zone": (
+        ["20261129T101500.250+0100", "20261129T091500.750Z"],
+        [0.0, 0.5],
+    ),
+    "without marks and seconds": (["20261129T1015", "20261129T1016"], [0.0, 60.0]),
     "a leap second": (["2016-12-31 23:59:59", "2016-12-31 23:59:60"], [0.0, 1.0]),
     "noon": (["1 March 2025 12:59:59 PM", "1 March 2025 01:00:00 PM"], [0.0, 1.0]),
 }
@@ -78,6 +84,14 @@ REFUSED = {
         "line 3: .*only some state their offset",
     ),
     "before any clock": (["2000-01-01 00:00:00", "1600-01-01 00:00:00"], "line 3: .*1900 to 2149"),
+    "no such day, without marks": (
+        ["20260228T101500", "20260231T101500"],
+        "line 3: no order of day",
+    ),
+    "hour 25, without marks": (
+        ["20260228T231500", "20260228T251500"],
+        "line 3: .*not a time of day",
+    ),
     "hour 25": (["2025-03-01 12:00:00", "2025-03-01 25:59:58"], "line 3: .*not a time of day"),
     "minute 75": (["12:15:58", "12:75:58"], "line 3: .*not a time of day"),
     "second 73": (["12:15:58", "12:15:73"], "line 3: .*not a time of day"),

@@ -205,3 +205,21 @@ def test_memory_of_text_is_bounded(tmp_path):
 
     print(f"\n2e7 rows: peak {peak:.0f} MB")
     assert peak < MEMORY
+
+
+def test_a_unit_in_the_name_counts_as_for_the_whole_file(tmp_path):
+    path = tmp_path / "named.h5"
+    with h5py.File(path, "w") as handle:
+        handle["t_ms"] = np.arange(50) * 2.0
+        handle["gap_um"] = np.arange(50.0) % 7
+        handle["force_N"] = np.ones(50)
+
+    whole = ms.read(path)
+    with open_stream(path) as stream:
+        found = gathered(stream, 20)
+        assert stream.time_step == pytest.approx(2e-3, abs=1e-12)
+
+    assert found["/gap_um"].max() == pytest.approx(6e-6, abs=1e-15)
+    assert found["/t_ms"].tolist() == whole.t.tolist()
+    for name in whole.channels:
+        np.testing.assert_array_equal(found[name], whole.channels[name])

@@ -711,3 +711,13 @@ def test_a_column_with_the_name_of_a_number_that_counts_no_rows_stays(put, colum
     read = ms.read(put("\n".join(["N;t_s;probe_um", *rows]) + "\n"))
 
     assert read.channels["N"].tolist() == column
+
+
+@pytest.mark.parametrize("name", ["probe_counts", "z [counts]", "Taster (Impulse)", "z_inc"])
+def test_counts_are_not_offered_as_micrometres(put, name):
+    path = put(f"x_mm;{name}\n" + "".join(f"{k};{k * k % 7}\n" for k in range(9)))
+
+    with pytest.raises(ms.errors.UnitError, match="holds counts") as refused:
+        ms.read(path)
+    assert "unit=" not in str(refused.value)
+    assert "'um'" not in str(refused.value)

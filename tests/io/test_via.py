@@ -132,7 +132,7 @@ def test_missing_package_is_named(monkeypatch, unknown):
 @pytest.mark.usefixtures("package")
 def test_a_map_that_may_be_mirrored_is_refused_until_its_rows_are_declared(unknown):
     """The user of a map whose orientation nobody proved must say it, in one of two words."""
-    with pytest.raises(ms.errors.UnsupportedFeatureError, match="mirrored map") as caught:
+    with pytest.raises(ms.errors.AmbiguousFormatError, match="mirrored map") as caught:
         ms.read(unknown)
     for word in ("top row first", "smallest y first"):
         assert f"row_order={word!r}" in str(caught.value) or f"or {word!r}" in str(caught.value)
@@ -148,7 +148,7 @@ def test_a_format_whose_rows_are_known_is_turned_and_says_why(package, tmp_path)
     package.format = classmethod(lambda _cls: "mdt")
     path = tmp_path / "map.mdt"
     path.write_bytes(CONTENT)
-    with pytest.raises(ms.errors.UnsupportedFeatureError, match=r"SurfaceTopography 9\.9"):
+    with pytest.raises(ms.errors.AmbiguousFormatError, match=r"SurfaceTopography 9\.9"):
         ms.read(path)  # another version may turn it otherwise
     sys.modules["SurfaceTopography"].__version__ = "1.27.1"
 

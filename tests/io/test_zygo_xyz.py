@@ -1,5 +1,6 @@
 """Zygo XYZ text: window in the camera frame, unit of z, order of the lines, and files that lie."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from metrosep.io.text import zygo_xyz
 
 PM = 1e-12
 FM = 1e-15
+
+read = partial(ms.read, row_order="top row first")
 
 
 @pytest.fixture
@@ -32,7 +35,7 @@ def edited(folder, put):
 
 
 def test_top_row_of_the_camera_has_the_largest_y(folder):
-    surface = ms.read(folder / "calibrated.xyz")
+    surface = read(folder / "calibrated.xyz")
 
     assert np.unravel_index(np.nanargmax(surface.z), surface.shape) == (2, 0)
     assert np.isnan(surface.z[2, 3])
@@ -46,9 +49,9 @@ def test_points_are_placed_by_their_indices_whatever_their_order(folder, put):
     order = np.random.default_rng(3).permutation(len(body))
     mixed = put("\n".join([*lines[:first], *(body[i] for i in order), "#"]), "mixed.xyz")
 
-    shuffled = ms.read(mixed)
+    shuffled = read(mixed)
 
-    np.testing.assert_array_equal(shuffled.z, ms.read(folder / "calibrated.xyz").z)
+    np.testing.assert_array_equal(shuffled.z, read(folder / "calibrated.xyz").z)
 
 
 def test_random_window_against_a_parser_of_its_own(put):
@@ -59,7 +62,7 @@ def test_random_window_against_a_parser_of_its_own(put):
     lines += [f"{20 + c} {30 + r} {z[r, c]}" for r in range(7) for c in range(5)]
     path = put("\r\n".join([*lines, "#", ""]), "random.xyz")
 
-    surface = ms.read(path)
+    surface = read(path)
 
     assert surface.shape == (7, 5)
     np.testing.assert_allclose(surface.z[::-1], z * 1e-6, rtol=0, atol=FM)
@@ -69,43 +72,29 @@ def test_random_window_against_a_parser_of_its_own(put):
 
 
 def test_assumed_micrometres_are_a_warning_with_the_peak_to_valley(folder):
-    surface = ms.read(folder / "uncalibrated.xyz")
+    surface = read(folder / "uncalibrated.xyz")
 
     assert "taken as um, so that P-V is 907 nm" in surface.metadata["warnings"][0]
     assert surface.metadata["height_unit_from"] == "description of the format"
 
 
 def test_declared_unit_replaces_the_assumption_and_is_recorded(folder):
-    surface = ms.read(folder / "uncalibrated.xyz", unit="m")
+    surface = read(folder / "uncalibrated.xyz", unit="m")
 
     assert surface.peak_to_valley() == pytest.approx(0.907, abs=PM)
     assert surface.metadata["height_unit"] == "m"
     assert surface.metadata["height_unit_from"] == "caller"
-    others = [w for w in surface.metadata["warnings"] if "which row" not in w]
-    assert others == [surface.metadata["unproven"]]
-
-
-@pytest.mark.parametrize("order", ["top row first", "smallest y first"])
-def test_rows_are_assumed_to_begin_at_the_top_until_the_caller_says_it(folder, order):
-    assumed = ms.read(folder / "uncalibrated.xyz")
-    stated = ms.read(folder / "uncalibrated.xyz", row_order=order)
-
-    assert assumed.metadata["orientation_evidence"] == "assumed"
-    assert "nothing shows which row" in " ".join(assumed.metadata["warnings"])
-    assert stated.metadata["orientation_evidence"] == "stated"
-    assert "nothing shows which row" not in " ".join(stated.metadata["warnings"])
-    turned = assumed.z if order == "top row first" else assumed.z[::-1]
-    np.testing.assert_array_equal(stated.z, turned)
+    assert surface.metadata["warnings"] == (surface.metadata["unproven"],)
 
 
 def test_unit_that_is_no_length_is_refused(folder):
     with pytest.raises(ms.errors.UnitError, match="a length is needed"):
-        ms.read(folder / "uncalibrated.xyz", unit="V")
+        read(folder / "uncalibrated.xyz", unit="V")
 
 
 def test_uncalibrated_is_none_and_an_override_is_recorded(folder):
-    plain = ms.read(folder / "uncalibrated.xyz")
-    declared = ms.read(folder / "uncalibrated.xyz", lateral_step=("10 um", "20 um"))
+    plain = read(folder / "uncalibrated.xyz")
+    declared = read(folder / "uncalibrated.xyz", lateral_step=("10 um", "20 um"))
 
     assert (plain.dx, plain.dy) == (None, None)
     assert (declared.dx, declared.dy) == pytest.approx((10e-6, 20e-6), abs=PM)
@@ -114,7 +103,7 @@ def test_uncalibrated_is_none_and_an_override_is_recorded(folder):
 
 
 def test_header_fields_are_kept_as_they_stand(folder):
-    header = ms.read(folder / "calibrated.xyz").metadata["header"]
+    header = read(folder / "calibrated.xyz").metadata["header"]
 
     assert header["comment"] == "planted bump, top left"
     assert header["software_date"] == "Sat Jan  3 00:00:00 2026"
@@ -173,7 +162,7 @@ def test_quarter_of_a_million_points_are_not_read_one_by_one(put, calls):
     lines += [f"{c} {r} {0.001 * c + 1e-6 * r:.6f}" for r in range(n) for c in range(n)]
     path = put("\n".join([*lines, "#\n"]), "large.xyz")
 
-    steps, surface = calls(lambda: ms.read(path))
+    steps, surface = calls(lambda: read(path))
 
     assert steps < n * n / 2  # a fifth of them, to tell the format
     assert surface.z[0, 1] == pytest.approx(1e-9 + 0.499e-9, abs=FM)
@@ -182,17 +171,3 @@ def test_quarter_of_a_million_points_are_not_read_one_by_one(put, calls):
 @pytest.mark.parametrize("name", ["calibrated.xyz", "not-all-listed.xyz"])
 def test_damaged_files_are_refused_or_read(folder, survives_damage, name):
     survives_damage(zygo_xyz, folder / name)
-
-
-def test_the_command_line_takes_the_order_of_rows_as_its_warning_says(folder, capsys):
-    from metrosep.cli.main import main
-
-    def said(*words):
-        with pytest.raises(SystemExit) as ended:
-            main(["info", str(folder / "uncalibrated.xyz"), *words])
-        assert ended.value.code == 0
-        return capsys.readouterr().out
-
-    hint = "row_order=smallest y first"
-    assert f'--set "{hint}"' in said()
-    assert "which row is on top" not in said("--set", hint)

@@ -73,8 +73,8 @@ def test_u_holds_the_digit_of_the_display_however_often_it_is_read():
         u.append(found.errors["EXX"].sd(x)[-1])
     # closed form: slope of independent errors q/sqrt(12) at eleven places
     spread = DIGIT / np.sqrt(12.0) * REACH / np.sqrt(np.sum((x - x.mean()) ** 2))
-    # and 5 % for what orders beyond the line may do
-    assert u[1] == pytest.approx(1.025 * spread, abs=0.026 * spread)
+    # and half of it for a curve that is as small as the digits, which no number of runs shows
+    assert 0.999 * spread <= u[1] <= 1.5 * spread
     assert u[0] >= 0.999 * spread
 
 

@@ -177,7 +177,7 @@ def test_wavefront_of_a_measured_sphere(tmp_path):
 @pytest.mark.parametrize(
     ("text", "kind", "words"),
     [
-        ('machine = "fts_lath"\nall_lengths = "1 um"\n', DataError, "did you mean fts_lathe"),
+        ('machine = "fts_lath"\nall_lengths = "1 um"\n', DataError, 'Did you mean "fts_lathe"'),
         ('machine = "none.toml"\nall_lengths = "1 um"\n', DataError, "there is no such file"),
         (
             'machine = "fts_lathe"\nerrors = { EXQ = "1 um" }\n',

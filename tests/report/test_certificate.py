@@ -426,6 +426,24 @@ def test_no_sentence_of_a_certificate_is_english_but_what_a_person_wrote(part, l
     assert f"1{comma}488 nm" in shown
 
 
+def test_captions_of_a_map_with_pixels_far_from_the_mean_are_in_the_language(repository):
+    """The part of the examples has chips: sections go through one, and the histogram leaves some out."""
+    map_ = repository / "examples/measured_part/measured.sdf"
+    text = (
+        f'metrosep = 1\n[input]\nfiles = ["{map_.name}"]\n[[step]]\nop = "form"\nform = "sphere"\n'
+    )
+    text += '[[step]]\nop = "parameters"\nnames = ["Sq"]\n[report]\nlanguage = "de"\n'
+    page = render_html(Recipe.parse(text, folder=map_.parent).run(map_).document)
+    shown = words(page[: page.index("<pre")])
+    for own in (
+        "Durch die Mitte und durch den Bildpunkt", "Höhen liegen unter", "Messung einer Höhenkarte",
+        "Rest nach Abzug der Form",
+    ):  # fmt: skip
+        assert own in shown
+    for english in ("Through the middle", "heights below", "Measurement of"):
+        assert english not in shown
+
+
 @pytest.mark.parametrize("language", FOREIGN)
 def test_a_sentence_keeps_every_number_and_the_order_of_limits(language):
     english = "ppp: R is the largest of few: 1.31 times what it would be with many runs (interval 2.981 nm to 7.242 nm)"
@@ -499,37 +517,33 @@ def test_each_wavelength_of_a_disturbance_keeps_its_feed(language, pairs, runs):
     by_hand = [7200 / 60 / 12.1, 4800 / 60 / 12.1]  # mm: feed per period
     sentence = (
         f"12.1 Hz disturbance maps onto {by_hand[0]:.1f} mm at 7200 mm/min, {by_hand[1]:.1f} mm at "
-        "4800 mm/min; the runs at 2400, 9600 and 12000 mm/min tell it from the geometry."
+        "4800 mm/min; the runs at 2400, 9600 and 12000 mm/min distinguish it from the geometry."
     )
     own = said(sentence, language)
     assert re.split(" at | and ", own) == [own]
     for text in (*pairs, runs):
         assert text in own
-    one = said("12.1 Hz disturbance maps onto 9.9 mm at 7200 mm/min; the runs at 4800 and 9600 mm/min tell it from the geometry", language)  # fmt: skip
+    one = said("12.1 Hz disturbance maps onto 9.9 mm at 7200 mm/min; the runs at 4800 and 9600 mm/min distinguish it from the geometry", language)  # fmt: skip
     assert pairs[0] in one
     # a place for digits takes no words
     assert said("The gap of 3 mm at 7200 mm/min", language) == "The gap of 3 mm at 7200 mm/min"
 
 
 DIRECTED = {  # English: what stands for it in de, zh, ja, in this order
-    "actual − nominal": ("Ist − Soll", "实际 − 名义|实际 − 标称", "実際 − 名目|実際 − 呼び"),
+    "actual − nominal": ("Ist − Soll", "实际 − 标称", "実際 − 公称"),
     "reached − target": ("erreicht − Ziel", "实际 − 目标", "到達 − 目標"),
     "c = −e": ("c = −e", "c = −e", "c = −e"),
     "forward - backward": ("vorwärts − rückwärts", "正向 − 反向", "正方向 − 負方向"),
     "mean forward": ("Mittel vorwärts", "正向平均值", "正方向の平均"),
     "mean backward": ("Mittel rückwärts", "反向平均值", "負方向の平均"),
     "forward": ("vorwärts", "正向", "正方向"),
-    "reverse": ("rückwärts", "反向", "逆方向|負方向"),
+    "reverse": ("rückwärts", "反向", "負方向"),
     "backward": ("rückwärts", "反向", "負方向"),
     "before the table": ("vor der Tabelle", "使用补偿表前", "補正前"),
     "after the table": ("nach der Tabelle", "使用补偿表后", "補正後"),
     "{below} pixels below": ("{below} Bildpunkte unter", "低于色标 {below}", "目盛より下 {below}"),
-    "{above} above the range": (
-        "{above} über",
-        "高于范围 {above}",
-        "範囲より上 {above}|上 {above}",
-    ),
-    "{below} below": ("{below} unter", "低于范围 {below}", "下 {below}"),
+    "{above} above the picture": ("{above} über", "上方 {above}", "上 {above}"),
+    "{below} heights below": ("{below} Höhen liegen unter", "下方另有 {below}", "下 {below}"),
     "{low} to {high}": ("{low} bis {high}", "{low} 至 {high}", "{low} ～ {high}"),
     "{before} -> {after}": ("{before} -> {after}",) * 3,
     "inside the limit": ("innerhalb", "在限值内", "限界内"),
@@ -548,8 +562,8 @@ WORDS = {  # whole texts of the catalogue
     "off": ("aus", "关", "無効"),
     "reversed_sign": ("mit falschem Vorzeichen", "符号相反", "符号を逆"),
     "sign_note": ("zum Sollwert addiert", "加到指令上", "指令に加え"),
-    "means_accept": ("liegen innerhalb", "均符合", "適合しています"),
-    "means_reject": ("liegt außerhalb", "超出限值", "外れています"),
+    "means_accept": ("liegen innerhalb", "均符合", "適合している"),
+    "means_reject": ("liegt außerhalb", "超出限值", "外れている"),
 }
 
 
@@ -971,3 +985,12 @@ def test_every_page_has_number_revision_and_n_of_n(files_of_a_laboratory):
         flat = re.sub(r"\s+", " ", page)
         assert f"page {i} / {len(pages)}" in flat
         assert "2026-0815 revision 1" in flat
+
+
+def test_what_a_report_replaces_is_said_in_each_language_by_itself(part):
+    text = REPORT.replace("[report]\n", '[report]\nlanguage = ["en", "zh"]\n', 1)
+    english, _, chinese = view(run(part, text))["c"]["replaces"].partition(" / ")
+    assert "substituted" in english
+    assert "替换" not in english
+    assert "替换" in chinese
+    assert "substituted" not in chinese

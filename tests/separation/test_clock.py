@@ -215,7 +215,10 @@ def drifting(rng, t, run):
         (in_float32(1.764e9), "run '1': time does not increase.*32-bit.*give the sampling rate"),
         (rounded(0.25), "run 3 .*samples share [2-5] time stamps.*give the sampling rate"),
         (lambda rng, t, run: np.where(np.arange(t.size) < 99, t, t - 0.05), "falls back from"),
-        (lambda rng, t, run: np.where(np.arange(t.size) == 99, np.nan, t), "time of sample 99 is"),
+        (
+            lambda rng, t, run: np.where(np.arange(t.size) == 99, np.nan, t),
+            r"no time for 1 of \d+ samples, the first is sample 99; leave these rows out",
+        ),
     ],
     ids=["drifting", "unix float32", "coarse", "falls back", "NaN"],
 )

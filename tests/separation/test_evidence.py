@@ -9,7 +9,7 @@ from scipy.stats import f as f_distribution
 from metrosep import Run, RunSet
 from metrosep.errors import DataError, NotSeparableError
 from metrosep.separation import ErrorEstimate, machine_axis, separate as separate_runs
-from metrosep.separation.runs.evidence import evidence_columns, evidence_table
+from metrosep.separation.runs.evidence import evidence_columns, evidence_table, said_lag
 
 SHORTEST = 1.5e-3
 """The shortest wave of the simulated axis is 3.3 mm; the harmonics below cost most of the time of a joint estimate."""
@@ -249,3 +249,8 @@ def test_a_strong_wave_off_the_grid_of_the_travel_is_not_called_missing_from_the
     messages = separate(RunSet(runs), shortest=None).messages
 
     assert not [m for m in messages if "repeat a wave" in m]
+
+
+def test_a_negative_lag_is_said_as_readings_that_lead():
+    assert said_lag(1.25) == "lag the position by 1.25 ms"
+    assert said_lag(-2.2068) == "lead the position by 2.21 ms"

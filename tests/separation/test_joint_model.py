@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from scipy.fft import dct
 from scipy.signal import lfilter
-from scipy.stats import invgamma
+from scipy.stats import invgamma, norm, t as student
 
 from metrosep.core.errors import DegenerateFitError
 from metrosep.separation.runs.geometry import Extension, Sensor, Spectrum, filtered
-from metrosep.separation.runs.leave_out import run_scores
+from metrosep.separation.runs.leave_out import RunScore, displacement, run_scores
 from metrosep.separation.runs.noise import (
     NoiseModel,
     burg,
@@ -24,9 +24,9 @@ from metrosep.separation.runs.noise import (
     fit_noise,
     level_spread,
 )
-from metrosep.separation.runs.posterior import Model, RunEquations, averaged
-from metrosep.separation.runs.sensor import lag_score
-from metrosep.separation.runs.waves import find_slip
+from metrosep.separation.runs.posterior import Model, RunEquations, Wave, averaged
+from metrosep.separation.runs.sensor import LAG_PRIOR, chance_of_lag, lag_score
+from metrosep.separation.runs.waves import _scores, find_slip
 
 DT, SPEEDS, SIZES, K = 0.004, (80.0, 120.0, 160.0), (76, 51, 39), 6
 DIGITS = 1e-6
@@ -60,7 +60,7 @@ def model(noise):
         basis = extension.basis(x)
         basis[:, 0] = 0.0
         table = np.column_stack([basis, z - z.mean(), np.ones(x.size)])
-        rows = exact_rows(table, noise, [slice(0, x.size)])
+        rows = exact_rows([table], noise, [slice(0, x.size)])
         a, y, o = rows[:, :-2], rows[:, -2], rows[:, -1]
         oo = float(o @ o)
         equations.append(
@@ -85,7 +85,7 @@ def model(noise):
 
 def test_whitening_is_exact_from_the_first_sample(noise):
     z = reading(0)[1][:60]
-    white = exact_rows(z[:, None], noise, [slice(0, 60)])[:, 0]
+    white = exact_rows([z[:, None]], noise, [slice(0, 60)])[:, 0]
     # the autocovariance of the model, by its innovations form, and its Cholesky factor
     size, lead = 60, 4000
     response = np.zeros(lead)
@@ -202,6 +202,7 @@ def test_the_mean_of_two_answers_holds_both():
 def test_a_displaced_run_is_found_where_it_is(model):
     """A run that shows the error of the place x - 0.5 mm is displaced by +0.5 mm."""
     moved = Extension(0.0, 24.0, K)
+    before = run_scores(model)[1]
     theta = model.post.theta
     h = np.exp(-1j * moved.wavenumbers * 0.5)
     change = filtered(theta, h) - theta
@@ -222,6 +223,51 @@ def test_a_displaced_run_is_found_where_it_is(model):
     found = run_scores(model)[1]
     assert abs(found.shift - 0.5) < 4.0 * found.u_shift
     assert found.shift > 8.0 * found.u_shift
+    # what is left of the misfit is that of the run before it was moved
+    assert found.chi2 > 3.0 * found.chi2_placed
+    assert found.chi2_placed == pytest.approx(before.chi2, abs=0.5)
+
+
+def places(rng, sd):
+    """Return a model and scores that hold the places of nine runs and no more."""
+    model = Model(Extension(0.0, 24.0, K), Spectrum(K))
+    empty = np.empty(0)
+    model.runs = [
+        RunEquations(empty, empty, empty, 0.0, 1.0, 1e-3 * v, feed, 24.0)
+        for feed, v in enumerate(SPEEDS)
+        for _ in range(3)
+    ]
+    at = sd * rng.standard_normal(len(model.runs))
+    return model, [RunScore(1.0, 10, 1.0, 1e-3, d, 1e-9, empty) for d in at]
+
+
+def test_the_size_of_a_displacement_is_known_as_six_degrees_of_freedom_know_it():
+    """Sum of squares S about the feedrates: the mean variance is S/(6 - 2), not S/6 or less."""
+    for seed in range(5):
+        model, scores = places(np.random.default_rng(seed), 30e-6)
+        shifts = np.array([s.shift for s in scores]).reshape(3, 3)
+        squares = float(((shifts - shifts.mean(axis=1, keepdims=True)) ** 2).sum())
+        squares *= (8.0 / 9.0) ** 2  # a run moves the others, too
+        found = displacement(model, scores)
+        assert found.sd**2 == pytest.approx(invgamma(3.0, scale=squares / 2.0).mean(), abs=2e-12)
+        assert found.of_mean == pytest.approx(found.sd**2 / 9.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("t", [0.5, 2.0, 3.1, 5.0])
+def test_a_lag_of_displaced_runs_is_as_likely_as_student_says(t):
+    """Without a lag the lag over its estimated u is t of six degrees, whose tails are long."""
+    model, scores = places(np.random.default_rng(3), 30e-6)
+    found = displacement(model, scores)
+    model.lag_variances = found.lags
+    scale = math.sqrt(model.lag_variance * 4.0 / 6.0)  # of t: the mean variance is 6/4 of it
+    lag, u = t * scale, math.sqrt(model.lag_variance + 1e-14)
+    # a lag of the machine beside what the displacement is: the sum of both, by steps
+    grid = np.linspace(-6.0, 6.0, 4001) * LAG_PRIOR
+    with_lag = norm.pdf(grid, scale=LAG_PRIOR) * student.pdf((lag - grid) / scale, 6) / scale
+    some = with_lag.sum() * (grid[1] - grid[0])
+    none = student.pdf(t, 6) / scale
+    p = chance_of_lag(lag, u, displaced=model.lag_variances)
+    assert p == pytest.approx(some / (some + none), abs=2e-3)
 
 
 def test_a_wave_of_any_wavelength_is_a_column_of_the_basis():
@@ -279,6 +325,38 @@ def test_equations_of_a_slipping_run_that_have_no_factor_are_refused(model):
 
     with pytest.raises(DegenerateFitError, match="do not determine"):
         model.take([broken, *model.runs[1:]])
+
+
+@pytest.mark.parametrize("n_extra", [0, 2])
+def test_the_score_of_a_wave_is_by_how_much_two_free_columns_lessen_the_sum_of_squares(n_extra):
+    rng = np.random.default_rng(5)
+    ext = Extension(0.0, 24.0, K)
+    n, rows = 1 + 2 * K, 40
+    a, y = rng.standard_normal((rows, n + n_extra)), rng.standard_normal(rows)
+    a[:, n:] += 2.0 * a[:, 1 : 1 + n_extra]  # a drift looks like the longest waves
+    model = Model(ext, Spectrum(K), n_extra=n_extra, extra_precision=np.full(n_extra, 0.3))
+    model.waves.append(Wave(0.13, ext.wave(0.13), 0.7))
+    model.kept = 4
+    own = RunEquations(a.T @ a, y @ a, np.zeros(n + n_extra), 0.0, 1.0, 80.0, 0, 24.0)
+    model.take([own])
+    pairs = np.hstack([ext.wave(0.07), ext.wave(0.2)])
+
+    k = np.arange(4)
+    used = np.concatenate([[0], 1 + k, 1 + K + k, n + np.arange(n_extra)])
+    seen = np.hstack([a[:, used], a[:, :n] @ model.waves[0].columns])
+    prior = np.sqrt(model.precision())
+
+    def least_squares(*more):
+        free = np.hstack([np.empty((rows, 0)), *more])
+        table = np.block([[seen, free], [np.diag(prior), np.zeros((prior.size, free.shape[1]))]])
+        side = np.concatenate([y, np.zeros(prior.size)])
+        rest = side - table @ np.linalg.lstsq(table, side, rcond=None)[0]
+        return rest @ rest
+
+    found = _scores(model, pairs, model.total[0][:, :n] @ pairs)
+    expected = [least_squares() - least_squares(a[:, :n] @ pairs[:, i : i + 2]) for i in (0, 2)]
+    assert found == pytest.approx(expected, abs=1e-8)
+    assert min(expected) > 1e-3
 
 
 def test_runs_that_agree_have_no_slip(model):

@@ -370,7 +370,7 @@ class Estimator:
         basis = self.model.extension.basis(x)
         basis[:, 0] = 0.0
         table = np.column_stack([basis, z - z.mean(), np.ones(x.size)])
-        rows = exact_rows(table, self.noise, [slice(0, x.size)])
+        rows = exact_rows([table], self.noise, [slice(0, x.size)])
         a, y, o = rows[:, :-2], rows[:, -2], rows[:, -1]
         oo, ao, oy = float(o @ o), a.T @ o, float(o @ y)
         return RunEquations(
@@ -385,7 +385,7 @@ class Estimator:
         score, information = model.scores(post)
         hats = model.spectrum.hats
         fisher = (hats.T * information) @ hats
-        white = exact_rows(self.runs[0][2][:60, None], self.noise, [slice(0, 60)])[:, 0]
+        white = exact_rows([self.runs[0][2][:60, None]], self.noise, [slice(0, 60)])[:, 0]
         at = lag_score(model)
         scores = run_scores(model)
         wave = np.array([2 * math.pi * 5 / P_MM])

@@ -655,7 +655,7 @@ def test_the_verb_refuses_with_one_line(capsys, words, told):
         ({"dead_path": 0.1, "reset_temperature": 293.0}, {}, "needs positive"),
         ({}, {"temperature": [293.0]}, "a column and an option"),
         ({}, {"wind": [1.0]}, "'wind' is not a column"),
-        ({"presure": 1e5}, {}, "no 'presure'. Did you mean pressure"),
+        ({"presure": 1e5}, {}, "no 'presure'. Did you mean \"pressure\""),
         ({"software": "none"}, {}, "not one of vacuum, same air"),
         ({"software": None, "software_temperature": "20 degC"}, {}, "software_pressure is needed"),
         ({"u_humidity": 3.0}, {}, "u_humidity must be at most 0.5"),

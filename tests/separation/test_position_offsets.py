@@ -261,12 +261,12 @@ def test_runs_that_all_lie_apart_are_reported_and_in_the_band(tmp_path):
     assert np.mean(inside) > 0.85
 
 
-def scored(shift, u, feeds=FEEDS):
-    """What `displacement` makes of places in mm, runs at feeds in mm/s."""
-    scores = [
-        RunScore(1.0, 30, 1.0, 0.02, s * 1e-3, u * 1e-3, np.empty(0))
-        for s in np.broadcast_to(shift, len(feeds))
-    ]
+def scored(shift, u, feeds=FEEDS, odd=None):
+    """What `displacement` makes of places in mm, runs at feeds in mm/s; misfit and gain of odd ones."""
+    scores = []
+    for i, s in enumerate(np.broadcast_to(shift, len(feeds))):
+        chi2, gain = (odd or {}).get(i, (1.0, 1.0))
+        scores.append(RunScore(chi2, 30, gain, 0.02, s * 1e-3, u * 1e-3, np.empty(0)))
     runs = [SimpleNamespace(velocity=v * 1e-3, feed=feeds.index(v)) for v in feeds]
     return displacement(SimpleNamespace(runs=runs), scores)
 
@@ -305,8 +305,27 @@ def test_places_that_a_lag_or_their_u_explain_are_no_displacement(shift, feeds):
     found = scored(shift, 0.02, feeds)
 
     assert found.probability < 0.6
-    assert np.sqrt(found.of_mean) < 0.003e-3
-    assert np.sqrt(found.of_lag) < 0.1e-3  # of 0.25 ms that u makes
+    assert np.sqrt(found.of_mean) < 0.006e-3  # of 0.008 mm that u makes
+    assert np.sqrt(found.of_lag) < 0.15e-3  # of 0.25 ms that u makes
+
+
+def test_places_that_are_not_seen_widen_nothing():
+    """u of 30 mm: any scatter is as likely as none, as with one run at each feedrate."""
+    found = scored(np.random.default_rng(6).normal(0.0, 30.0, 6), 30.0)
+
+    assert found.probability == pytest.approx(0.5, abs=0.01)
+    assert np.sqrt(found.of_mean) < 0.02e-3  # of 12 mm
+    assert np.sqrt(found.of_lag) < 0.5e-3
+
+
+@pytest.mark.parametrize(("gain", "chi2"), [(-0.98, 40.0), (0.5, 20.0), (1.0, 30.0)])
+def test_a_run_that_is_named_for_something_else_has_no_place(gain, chi2):
+    """A run of the other sign is best predicted half a wave away."""
+    shift = np.array([0.01, -0.01, 0.0, 2.5, 0.02, 0.0, -0.02, 0.01, 0.0])
+    feeds = (80.0, 80.0, 80.0, 120.0, 120.0, 120.0, 160.0, 160.0, 160.0)
+    found = scored(shift, 0.02, feeds, odd={3: (chi2, gain)})
+
+    assert found.probability < 0.6
 
 
 def test_a_lag_is_no_scatter_of_places_and_is_corrected(tmp_path):

@@ -495,7 +495,7 @@ def test_frames_and_json():
     assert test.to_frame().loc["A", "value"] == test["A"].value
     back = json.loads(json.dumps(test.to_dict(), allow_nan=False))
     assert back["by_target"]["reversal"] == test.reversal.tolist()
-    assert "R_unbiased" in repr(test)
+    assert "R_unbiased" in str(test)
 
 
 def test_the_same_data_give_the_same_bytes():

@@ -24,6 +24,8 @@ import { make as makeRanking } from "./tab_ranking.js";
 import { make as makeReport } from "./tab_report.js";
 import { make as makeRuns } from "./tab_runs.js";
 import { make as makeTable } from "./tab_table.js";
+import { makePending } from "./pending.js";
+import { makeSplits } from "./splits.js";
 import { makeTabs } from "./tabs.js";
 import { makeTree } from "./tree.js";
 import { makeViews } from "./views.js";
@@ -41,11 +43,7 @@ if (address.searchParams.has("token")) history.replaceState(null, "", "/");
 
 /** @type {Dict} */
 let session = { recipe: null, steps: [], files: [], kind: null, messages: [] };
-/** @type {Dict[]} */
-let schema = [];
-let version = "";
-let notes = /** @type {string[]} */ ([]);
-let started = 0;
+let [schema, version, notes, started] = [/** @type {Dict[]} */ ([]), "", /** @type {string[]} */ ([]), 0];
 
 const wire = new Wire(`ws://${location.host}/ws?token=${encodeURIComponent(token)}`);
 const ladder = makeLadder(show, stop);
@@ -72,6 +70,7 @@ const drawing = makeDrawing({
   shown: (a, b) => (views.map.set("a", a), views.map.set("b", b), views.map.save_changes()),
 });
 
+const pending = makePending(edit, () => session.hash, alertText);
 const { save, exportResult } = makeExports({ wire, status: el("status-link"), session: () => session, take, fail });
 
 const follow = makeFollow(el("follow"), wire, (paths) => open(paths, true, false), fail);
@@ -103,17 +102,19 @@ const tabs = makeTabs(el("tabs"), [
   },
 });
 
+const splits = makeSplits(document.querySelectorAll("[data-split]"));
+
 /** What is looked at, and the way back to it. */
 const seen = makeHistory(() => {
   const view = session.kind ? views.looked() : null;
-  return view && { tab: tabs.chosen, stage: tree.chosen, view };
-}, ({ tab, stage, view }) => {
+  return view && { tab: tabs.chosen, stage: tree.chosen, splits: splits.get(), view, own: tabs.looked() };
+}, ({ tab, stage, view, own, splits: was }) => {
+  splits.put(was);
   tree.go(stage);
   drawStage();
   if (tab !== tabs.chosen) tabs.choose(tab);
+  tabs.look(own);
   views.look(view);
-  el("shade").checked = view.shade ?? el("shade").checked;
-  if (view.colours) el("colours").value = view.colours;
 });
 
 function fail(/** @type {unknown} */ error) {
@@ -217,15 +218,16 @@ const shownStep = () => (session.steps ?? [])[tree.chosen] ?? (tree.chosen === -
 
 // ---- what is done ------------------------------------------------------------------------------
 
-async function edit(/** @type {import("./recipe.js").Edit[]} */ edits, /** @type {string} */ label) {
+async function edit(/** @type {import("./recipe.js").Edit[]} */ edits, /** @type {string} */ label, isAgain = false) {
   if (!edits.length) return;
+  const of = session.hash;
   try {
     // Edits never replace each other: each has its own slot.
     const { header } = await wire.ask("edit", { edits, label }, `edit ${wire.next}`);
     clearAlerts();
     take(header.session);
   } catch (error) {
-    failUnmade(error);
+    failUnmade(error, !isAgain && pending.keep(error, edits, label, of) ? "this change was not made, and is sent again when the connection is back" : undefined);
     tree.show(session, schema); // what was typed and refused goes back
     metrics.show(session);
   }
@@ -287,6 +289,7 @@ async function hello() {
     version = header.version;
     const other = String(header.session.files) !== String(session.files);
     take(header.session, other);
+    pending.again();
   } catch (error) {
     fail(error);
   }
@@ -306,6 +309,7 @@ wire.onNews = (header) => {
     if (header.error.ask) open(header.paths ?? [header.error.ask.path]);
     else alertText(header.error.message);
   } else if (header.k === "session") {
+    if (header.session.hash !== session.hash) clearAlerts(); // another page put right what this one said
     take(header.session, String(header.session.files) !== String(session.files));
   } else if (header.k === "saved") {
     session = { ...session, saved_at: header.saved_at, keeping: header.keeping, messages: header.messages };
@@ -322,13 +326,9 @@ document.addEventListener("visibilitychange", () => {
   if (!document.hidden && wire.connected) hello(); // another tab may have edited
 });
 
-for (const name of COLOUR_NAMES) el("colours").add(new Option(name, name));
-el("colours").value = views.map.get("colours");
+for (const name of COLOUR_NAMES) el("colours").add(new Option(name, name, false, name === views.map.get("colours")));
 el("colours").addEventListener("change", () => views.colours(el("colours").value));
 el("shade").addEventListener("change", () => views.shade(el("shade").checked));
-for (const one of document.querySelectorAll("input[name=shown]")) {
-  one.addEventListener("change", () => views.profile.put({ shown: /** @type {HTMLInputElement} */ (one).value }));
-}
 const acts = {
   open: choose, "open-empty": choose, undo: () => again("undo"), redo: () => again("redo"), save, export: exportResult,
   recipe: () => showText("Recipe", session.recipe ?? ""), help: () => showHelp(KEYS, version),
@@ -346,5 +346,4 @@ listenToKeys({
   el(["panel-steps", ...shown, "panel-metrics", "status"][panel - 1])?.focus();
 }, (event) => session.kind === "map" && tabs.chosen === "view" && drawing.key(event));
 listenToDrops((files) => receive(files));
-setInterval(drawSaved, 5000), makeLengths(el("lengths"));
-wire.connect();
+setInterval(drawSaved, 5000), makeLengths(el("lengths")), wire.connect();

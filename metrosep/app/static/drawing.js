@@ -5,7 +5,7 @@
 import { chipOf, drawBar, fieldsOf, fillBar, fitButton, groupOf, linesOf, marksOf, meant, node, SECOND, shapesOf, TOOLS } from "./drawing_parts.js";
 import { makeEdits, MOST_LINES } from "./drawing_edits.js";
 import { makeHandle, wheelFactor } from "./handles.js";
-import { gripsOf, kindOf, moved, pointText, setPixel, straightened, withCorner, withoutCorner, written } from "./shapes.js";
+import { gripsOf, kindOf, moved, pointText, setPixel, spans, straightened, withCorner, withoutCorner, written } from "./shapes.js";
 
 /** @typedef {Record<string, any>} Dict */
 /** @typedef {import("./shapes.js").Point} Point */
@@ -98,7 +98,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
   }
 
   function end(/** @type {PointerEvent} */ event) {
-    if (!seen || !pad.hasPointerCapture(event.pointerId)) return;
+    if (!seen || !pad.hasPointerCapture(event.pointerId) || !(pen.length || clicks())) return; // Escape gave it up
     if (clicks()) {
       const p = at(event);
       const shift = event.shiftKey;
@@ -133,7 +133,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
     const near = (/** @type {Point | undefined} */ q) => q && Math.hypot(...toScreen(p).map((v, i) => v - toScreen(q)[i])) < 9;
     if (tool === "polygon" && pen.length > 2 && near(pen[0])) return close();
     if (near(pen[pen.length - 1])) return pen.length > 1 ? close() : undefined; // the second click of a double click
-    pen.push(p);
+    pen.push(p), svg.classList.remove("bad");
     if (tool === "distance" && pen.length === 3) return close(shift);
     draft = unfinished(pen);
     return draw();
@@ -141,7 +141,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
 
   function close(round = false) {
     const made = pen.length < 2 ? null : unfinished(pen);
-    if (tool === "polygon" && pen.length < 3) return say("A polygon has three corners or more.");
+    if (tool === "polygon" && !spans(pen)) return svg.classList.add("bad"), say("A polygon has three corners or more, not all on one line.");
     pen = [];
     draft = null;
     if (made) add(made.kind === "angle" && round ? { ...made, kind: "circle3" } : made);
@@ -167,8 +167,8 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
   function use(/** @type {string} */ next) {
     if (next && !ready()) return;
     tool = next && next === tool ? SECOND[next] ?? "" : next;
-    pen = [];
-    draft = null;
+    [pen, draft] = [[], null];
+    svg.classList.remove("bad");
     if (tool) chosen = "";
     pad.hidden = !tool;
     drawAll();
@@ -308,7 +308,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
     const shape = current();
     const had = /** @type {HTMLElement | null} */ (document.activeElement)?.dataset?.shape;
     list.replaceChildren(...shapes().map((one) => chipOf(one, one.index % MOST_LINES, one.id === chosen, choose)), ...(shape ? fieldsOf(shape, change) : []), ...(shape?.table.kind === "circle" ? [fitButton(() => fitAperture(shape))] : []));
-    list.hidden = !list.childElementCount;
+    if (!list.childElementCount) list.append(Object.assign(document.createElement("span"), { className: "soft", textContent: "What you draw is listed here, with its values." }));
     if (had) /** @type {HTMLElement | null} */ (list.querySelector(`[data-shape="${had}"]`))?.focus();
   }
 

@@ -74,6 +74,7 @@ export function fillBar(bar, act) {
     button.className = "small";
     button.dataset.tool = name;
     button.textContent = name;
+    button.dataset.widest = name === "keep" ? "keep inside" : [name, SECOND[name] ?? ""].sort((a, b) => b.length - a.length)[0];
     button.title = `${words} (${letter})`;
     button.addEventListener("click", () => act(name));
     bar.append(button);

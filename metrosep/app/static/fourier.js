@@ -133,7 +133,7 @@ function render({ model, el, act, text }) {
   });
   const watcher = new ResizeObserver(draw);
   watcher.observe(el);
-  model.on("change:index change:message change:colours", draw);
+  model.on("change:index change:message change:colours change:ring", draw);
   return () => watcher.disconnect();
 }
 

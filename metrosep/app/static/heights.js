@@ -52,7 +52,6 @@ function render({ model, el }) {
     put(value) {
       model.set("at", at().map((/** @type {number} */ v, /** @type {number} */ i) => (i === k ? value : v)));
       model.save_changes();
-      plot.redraw();
     },
   }));
 
@@ -73,6 +72,7 @@ function render({ model, el }) {
   }
 
   model.on("change:heights change:message change:ratios", draw);
+  model.on("change:at", () => plot.redraw());
   draw();
   return () => plot.destroy();
 }

@@ -297,6 +297,11 @@ export function makeRelief(el, { table, lines, lit = () => {} }) {
       wish();
     },
     light,
+    /** How it is turned, zoomed, stretched and lit; turn it so. @param {number[]} [was] */
+    pose(was) {
+      if (was) ([azimuth, elevation, zoom, stretch] = was), light(was[4]);
+      return [azimuth, elevation, zoom, stretch, lamp];
+    },
     /** What is seen, with axes and words. */
     picture() {
       const made = document.createElement("canvas");

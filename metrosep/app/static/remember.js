@@ -16,7 +16,7 @@ export function preferred(name, usual) {
   return document.cookie.split("; ").find((one) => one.startsWith(start))?.slice(start.length) ?? usual;
 }
 
-/** @param {string} name @param {string} value letters only */
+/** @param {string} name @param {string} value letters, digits and points */
 export function prefer(name, value) {
   document.cookie = `metrosep-${name}=${value}; path=/; max-age=31536000; samesite=strict`;
 }

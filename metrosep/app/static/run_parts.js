@@ -81,3 +81,21 @@ export function numbersOf(header) {
     return item;
   });
 }
+
+/**
+ * Return what the tab looks at, and how it looks at it again, for the way back.
+ * @param {HTMLElement} el
+ * @param {HTMLSelectElement} ways direction of travel
+ * @param {import("./wire.js").Model} curves
+ */
+export const looking = (el, ways, curves) => ({
+  looked: () => ({ window: curves.get("window"), way: ways.value, shown: /** @type {HTMLInputElement} */ (el.querySelector("input[type=radio]:checked")).value }),
+  /** @param {Record<string, any>} was */
+  look(was) {
+    const radio = /** @type {HTMLInputElement | null} */ (el.querySelector(`input[type=radio][value="${was.shown}"]`));
+    if (radio && !radio.checked) radio.click();
+    if (was.way !== ways.value) (ways.value = was.way), ways.dispatchEvent(new Event("change"));
+    curves.set("window", was.window);
+    curves.save_changes();
+  },
+});

@@ -53,11 +53,8 @@ function render({ model, el }) {
     text: String(k + 1),
     value: () => shown[k] * length(),
     put(value) {
-      shown = shown.map((/** @type {number} */ v, /** @type {number} */ i) => (i === k ? value / length() : v));
-      model.set("cursors", shown);
+      model.set("cursors", shown.map((/** @type {number} */ v, /** @type {number} */ i) => (i === k ? value / length() : v)));
       model.save_changes();
-      follow();
-      tell();
     },
   }));
 
@@ -122,6 +119,11 @@ function render({ model, el }) {
   }
 
   model.on("change:distance change:message change:others", update);
+  model.on("change:cursors", () => {
+    shown = model.get("cursors");
+    follow();
+    tell();
+  });
   update();
   return () => plot.destroy();
 }

@@ -273,3 +273,11 @@ export function dragged(tool, a, b) {
   if (tool === "step" || tool === "groove") return { kind: tool, a: pointText(a), b: pointText(b), width: size(r / 2) };
   return null;
 }
+
+/** Whether corners span an area: three or more, not all on one line. One that crosses itself does. @param {Point[]} points */
+export function spans(points) {
+  const [x, y] = points[0] ?? [0, 0];
+  const far = points.reduce((most, p) => (Math.hypot(p[0] - x, p[1] - y) > Math.hypot(most[0] - x, most[1] - y) ? p : most), [x, y]);
+  const size = (far[0] - x) ** 2 + (far[1] - y) ** 2;
+  return points.some((p) => Math.abs((far[0] - x) * (p[1] - y) - (far[1] - y) * (p[0] - x)) > 1e-6 * size);
+}

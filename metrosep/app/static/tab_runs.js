@@ -6,7 +6,7 @@
 import { mendButtons } from "./mends.js";
 import runCurves, { wayOf } from "./run_curves.js";
 import { choices, foundOf } from "./run_found.js";
-import { curvesOf, make_, numbersOf, sample, typedLength } from "./run_parts.js";
+import { curvesOf, looking, make_, numbersOf, sample, typedLength } from "./run_parts.js";
 import runWaves, { thresholds } from "./run_waves.js";
 import { makeModel, Refusal, Superseded } from "./wire.js";
 
@@ -321,9 +321,8 @@ export function make(context) {
   }
 
   return {
-    show() {
-      if (dirty) refresh();
-    },
+    ...looking(el, ways, curves),
+    show: () => dirty && refresh(),
     changed(session, isNewFile) {
       if (session.kind !== "runs") {
         epoch += 1;

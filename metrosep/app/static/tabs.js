@@ -18,7 +18,9 @@
 
 /**
  * @typedef {object} Tab
- * @property {() => void} [show] it is the chosen tab: draw what is outdated
+ * @property {() => Dict} [looked] what it looks at, for the way back
+ * @property {(was: Dict) => void} [look] look at it again
+ * @property {() => unknown} [show] it is the chosen tab: draw what is outdated
  * @property {(session: Dict, isNewFile: boolean) => void} [changed] the recipe changed
  * @property {(header: Dict) => void} [reached] the full data have been evaluated (answer of metrics)
  * @property {(news: Dict) => void} [news] frames without id
@@ -93,6 +95,8 @@ export function makeTabs(strip, entries, context) {
       for (const tab of made.values()) tab.news?.(news);
     },
     choose,
+    looked: () => made.get(chosen)?.looked?.() ?? null,
+    look: (/** @type {Dict | null} */ was) => was && made.get(chosen)?.look?.(was),
     get chosen() {
       return chosen;
     },

@@ -8,6 +8,7 @@ import heightsWidget from "./heights.js";
 import polarWidget from "./polar.js";
 import { written } from "./shapes.js";
 import { si } from "./format.js";
+import { makeLooks } from "./history.js";
 import mapWidget from "./map.js";
 import { gapped } from "./plots.js";
 import profileWidget from "./profile.js";
@@ -80,8 +81,15 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
   polarWidget.render({ model: polar, el: el("polar") });
   profileWidget.render({ model: profile, el: el("profile") });
 
-  const { ask: askRelief, paint: paintRelief } = makeReliefView({ wire, level, stage, kind, lines, epoch: () => epoch, refused, table: () => map.get("colours") });
+  const { ask: askRelief, paint: paintRelief, pose: reliefPose } = makeReliefView({ wire, level, stage, kind, lines, epoch: () => epoch, refused, table: () => map.get("colours") });
 
+  const { looked, look } = makeLooks({ map, section, spectrum, profile, heights, waves }, {
+    kind, unit: () => unit(), choice: () => choice, shade: () => shade, relief: reliefPose,
+    ready: () => (kind() === "profile" ? true : placed && Boolean(spectrum.get("wavelength") || lower() !== "line")), shown });
+
+  for (const one of document.querySelectorAll("input[name=shown]")) {
+    one.addEventListener("change", () => profile.put({ shown: /** @type {HTMLInputElement} */ (one).value }));
+  }
   listenToParts(el("parts"));
   const unit = () => (kind() === "map" ? map.get("unit") ?? "m" : "m");
 
@@ -293,27 +301,11 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       choice.value = [...choice.options].some((one) => one.value === kept.lower) ? kept.lower : "line";
       profile.put({ series: {}, window: null, message: "" });
     },
-    /** What is looked at, for the way back; null while there is no picture yet. @returns {Dict | null} */
-    looked() {
-      if (kind() === "profile") return { window: profile.get("window"), band: spectrum.get("band"), lower: choice.value, measured: profile.get("shown") };
-      const view = map.get("view");
-      if (!placed || !view || !spectrum.get("wavelength")) return null;
-      return { window: view.fitted ? null : view.window, limits: map.get("limits"), a: map.get("a"), b: map.get("b"),
-        band: spectrum.get("band"), colours: map.get("colours"), shade, lower: choice.value };
-    },
+    looked,
     /** Look at it again. @param {Dict} was */
     look(was) {
-      choice.value = was.lower;
-      spectrum.put({ band: was.band });
-      if (kind() === "profile") profile.put({ window: was.window });
-      else {
-        shade = was.shade;
-        map.put({ limits: was.limits, a: was.a, b: was.b, colours: was.colours });
-        waves.put({ colours: was.colours });
-        map.put(was.window ? { goto: was.window } : { fit: 1 });
-        shown({ ...sectionView([was.a, was.b], map.get("unit") ?? "m"), colours: was.colours, hill_shade: was.shade });
-      }
-      shown({ ...bandView(was.band, unit()), lower: was.lower });
+      shade = was.shade ?? shade;
+      look(was);
       this.show();
     },
     /** Another stage is shown: its heights have another range. */

@@ -41,14 +41,23 @@ export function makeReliefView({ wire, level, stage, kind, epoch, refused, lines
   lamp.addEventListener("input", () => relief?.light(Number(lamp.value)));
   el("relief-on").addEventListener("click", () => {
     const on = el("relief").hidden;
-    for (const id of ["map", "tools", "shapes"]) el(id).hidden = on || (id === "shapes" && !el(id).childElementCount);
-    el("relief").hidden = el("relief-save").hidden = el("relief-lamp").hidden = !on;
+    el("map").hidden = on;
+    el("relief").hidden = el("relief-bar").hidden = !on;
+    el("relief-bar").parentElement?.classList.toggle("turned", on); // the room of the tools stays: the picture does not jump
     el("relief-on").setAttribute("aria-pressed", String(on));
     relief ??= makeRelief(el("relief"), { table, lines, lit: (degrees) => (lamp.value = String(degrees)) });
     askRelief();
   });
   el("relief-save").addEventListener("click", () => relief?.picture().toBlob((blob) => blob && download(blob, "map-3d.png")));
-  return { ask: askRelief, paint: () => relief?.paint() };
+  return {
+    ask: askRelief,
+    paint: () => relief?.paint(),
+    /** How it is turned, null where it is off; show it so. @param {number[] | null} [was] @returns {number[] | null} */
+    pose(was) {
+      if (was !== undefined && Boolean(was) === el("relief").hidden) el("relief-on").click();
+      return el("relief").hidden ? null : relief?.pose(was ?? undefined) ?? null;
+    },
+  };
 }
 
 /**

@@ -21,13 +21,13 @@ from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit
+from metrosep.io._roles import ColumnSpec
 from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
 from metrosep.io.declared import Match
 from metrosep.io.registry import get, sniffer
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.measurement import columns_as_object, map_as_surface, unit_label, unit_of
-from metrosep.io.text.table import ColumnSpec
 
 __all__ = ["channels", "is_number", "physical_values", "read", "saved_object", "sniff"]
 
@@ -271,17 +271,26 @@ class Hdf5Source:
         self._file, self._handle = file, handle
         self._paths = {str(handle.attributes(n).get("name") or n): n for n in names}
         self.n_samples: int | None = n_samples
+        of_matlab = file.head.startswith(b"MATLAB")  # there x_in is an input
+        self._units = {
+            p: None
+            if of_matlab and p.endswith("_in") and not unit_label(handle.attributes(p))
+            else _own_unit(p, handle.attributes(p))
+            for p in names
+        }
         self.labels: Mapping[str, str] = {
-            n: unit_label(handle.attributes(p)) for n, p in self._paths.items()
+            n: unit_label(handle.attributes(p)) or (unit.name if (unit := self._units[p]) else "")
+            for n, p in self._paths.items()
         }
         self.time_step = self._step()
 
     def _step(self) -> float | None:
         n = self.n_samples or 0
         for path in self._paths.values():
-            if path.rsplit("/", 1)[-1].lower() in _TIME_NAMES and n > 1:
+            bare = header_unit(path.rsplit("/", 1)[-1])[0].lower()
+            if bare in _TIME_NAMES and n > 1:
                 first, last = (float(self._values(path, k, k + 1)[0]) for k in (0, n - 1))
-                unit = unit_of(self._handle.attributes(path))
+                unit = self._units[path]
                 step = (last - first) / (n - 1) * (unit.factor if unit is not None else 1.0)
                 return step if step > 0.0 else None
         return None

@@ -29,7 +29,13 @@ from metrosep.core.errors import (
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.io.archive import Archive, xml_of
-from metrosep.io.objects import Request, height_only as channels, map_reader, to_grid
+from metrosep.io.objects import (
+    Request,
+    height_only as channels,
+    map_reader,
+    not_calibrated,
+    to_grid,
+)
 from metrosep.io.own_notes import OwnNotes, comment_notes, comment_text
 from metrosep.io.registry import mismatch, sniffer
 from metrosep.io.source import MAX_PIXELS, RawFile, flat_map, refuse_options
@@ -564,10 +570,7 @@ def x3p_bytes(obj: Surface | Profile) -> bytes:
         raise WriteError("nothing was measured, so there is nothing to write as X3P")
     if isinstance(obj, Surface):
         if obj.dx is None or obj.dy is None:
-            raise WriteError(
-                "the surface is laterally not calibrated and X3P needs both steps; give them on "
-                "reading with lateral_step=(dx, dy)"
-            )
+            raise not_calibrated("X3P")
         axes = [(obj.dx, obj.origin[0]), (obj.dy, obj.origin[1])]
         rows, columns = obj.shape
         return _archive("SUR", axes, (columns, rows), obj.z.astype("<f8").tobytes(), obj)

@@ -9,8 +9,9 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Sequence
-from typing import Any, Final
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
+from typing import Any, Final, overload
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -19,12 +20,15 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 
 __all__ = [
+    "Stamps",
     "columns_of",
     "may_hold_comments",
+    "may_hold_words",
     "n_in",
     "single_blanks",
     "without_groups",
     "without_quotes",
+    "words_in",
 ]
 
 _LONG: Final = 2**18
@@ -49,6 +53,37 @@ def may_hold_comments(text: str, mark: str) -> bool:
     if any(begin in text for begin in "#%!") or ("/" in text and "//" in text):
         return True
     return mark != ";" and ";" in text
+
+
+def words_in(text: str, words: Iterable[str]) -> set[str]:
+    """Return those of some words, in lower case, that may be fields of a text: a parser compares each field with all.
+
+    A word that is missing here would be refused as a number, so nothing is lost.
+    """
+    octets = np.frombuffer(text.lower().encode("utf-8", "surrogatepass"), dtype=np.uint8)
+    letters = set(octets.tobytes().translate(None, _OF_NUMBERS))
+    behind = set(octets[1:][octets[:-1] == ord("-")].tobytes().translate(None, b"0123456789.,"))
+    # the parser passes over a word at once whose first character begins no field: only - begins numbers
+    return {
+        w
+        for w in words
+        if letters.issuperset(w.encode().translate(None, _OF_NUMBERS))
+        and (w[:1] != "-" or (behind if len(w) == 1 else w.encode()[1] in behind))
+    }
+
+
+def may_hold_words(text: str, mark: str) -> bool:
+    """Return whether fields of a text may be empty, or hold anything but digits and marks."""
+    if (
+        f"{mark}\n" in text
+        or mark * 2 in text
+        or text.encode().translate(None, b"eE" + _OF_NUMBERS)
+    ):
+        return mark != " "
+    return False
+
+
+_OF_NUMBERS: Final = b"0123456789.,;+-\t \n"
 
 
 def single_blanks(text: str) -> str:
@@ -98,35 +133,61 @@ def without_groups(
     """
     if not text.isascii() or any(e in text for e in "eEdD"):
         return None
-    octets = np.frombuffer(f"\n\n\n\n{text}\n\n\n\n\n".encode(), dtype=np.uint8)
-    at = np.flatnonzero(octets == ord(mark))
-    is_digit = octets - np.uint8(ord("0")) < np.uint8(10)
-    is_mark, is_decimal = octets == ord(mark), octets == ord(decimal)
-    is_bound = (octets == ord(separator)) | (octets == ord("\n")) | (octets == ord(" "))
-    is_sign = (octets == ord("+")) | (octets == ord("-"))
-    three = is_digit[at + 1] & is_digit[at + 2] & is_digit[at + 3]
-    behind = is_bound[at + 4] | is_mark[at + 4] | is_decimal[at + 4]
-    if not (three & behind & is_digit[at - 1]).all():
-        return None
-    # how many digits stand before the mark: 1 to 3, of which the first of a number is not 0
-    two, most = is_digit[at - 2], is_digit[at - 2] & is_digit[at - 3]
-    n = 1 + two.astype(np.int64) + most
-    before = at - n - 1
-    begins = is_bound[before] | (is_sign[before] & is_bound[before - 1])
-    goes_on = is_mark[before] & (n == 3)
-    if not (goes_on | (begins & (octets[before + 1] != ord("0")))).all():
-        return None
-    sure = is_decimal[at + 4] | is_mark[at + 4] | goes_on
-    # digits behind a decimal mark that follows are digits to the end of the field
-    ends = at[is_decimal[at + 4]] + 5
-    rest = np.flatnonzero(~is_digit)
-    if not is_bound[rest[np.searchsorted(rest, ends)]].all():
-        return None
-    starts = before[begins] + 1
-    begin = int(starts[0]) - bool(is_sign[starts[0] - 1])
-    field = octets[begin : begin + int(np.argmax(is_bound[begin:]))].tobytes().decode()
-    line = int(np.count_nonzero(octets[4:begin] == ord("\n")))
-    return text.replace(mark, ""), starts.size, (line, field), bool(sure.all())
+    pad = "\n" * _AROUND
+    octets = np.frombuffer(f"{pad}{text}{pad}".encode(), dtype=np.uint8)
+    n, at, is_sure = 0, -1, True
+    for start in range(0, len(text), _PIECE):  # small arrays stay in the cache
+        piece = octets[start : start + _PIECE + 2 * _AROUND]
+        first, own_is_sure = _groups_in(piece, mark, separator, decimal)
+        if first is None:
+            return None
+        n_own = int(np.count_nonzero(first))
+        at = start + int(np.argmax(first)) if n_own and not n else at
+        n, is_sure = n + n_own, is_sure and own_is_sure
+    start = max(text.rfind(bound, 0, at) for bound in (separator, "\n", " ")) + 1
+    field = re.split(rf"[{re.escape(separator)}\n ]", text[start : at + _SHOWN], maxsplit=1)[0]
+    plain = text.encode().translate(None, mark.encode()).decode()
+    return plain, n, (text.count("\n", 0, at), field), is_sure
+
+
+_AROUND: Final = 5
+"""Characters round a mark of thousands that tell whether it is one."""
+_PIECE: Final = 2**15
+"""Characters that are looked at at once."""
+_SHOWN: Final = 60
+"""Characters of the longest number that is shown."""
+
+
+def _groups_in(
+    octets: NDArray[np.uint8], mark: str, separator: str, decimal: str
+) -> tuple[NDArray[np.bool_] | None, bool]:
+    """Return where the first marks of numbers stand, None where one is no mark of thousands, and whether all are sure.
+
+    `_AROUND` characters before and behind those that are looked at stand in `octets` too.
+    """
+    digit = octets - np.uint8(ord("0")) < np.uint8(10)
+    bound = (octets == ord(separator)) | (octets == ord("\n")) | (octets == ord(" "))
+    group, point = octets == ord(mark), octets == ord(decimal)
+
+    def at(which: NDArray[np.bool_], k: int) -> NDArray[np.bool_]:
+        """Return whether the character k places behind each is one of these."""
+        return which[_AROUND + k : which.size - _AROUND + k]
+
+    marks = at(group, 0)
+    three = at(digit, 1) & at(digit, 2) & at(digit, 3) & at(digit, -1)
+    # a number begins behind a bound, or a sign behind one, and not with 0
+    begin = bound.copy()
+    begin[1:] |= ((octets[1:] == ord("+")) | (octets[1:] == ord("-"))) & bound[:-1]
+    begin[:-1] &= octets[1:] != ord("0")
+    # one to three digits stand before the mark
+    two = at(digit, -2)
+    most = two & at(digit, -3)
+    goes_on = most & at(group, -4)
+    first = at(begin, -2) | (two & at(begin, -3)) | (most & at(begin, -4))
+    behind = at(group, 4) | at(point, 4)
+    if (marks & ~(three & (first | goes_on) & (behind | at(bound, 4)))).any():
+        return None, False
+    return first & marks, not (marks & ~(goes_on | behind)).any()
 
 
 def columns_of(
@@ -136,7 +197,7 @@ def columns_of(
     missing: frozenset[str] | set[str],
     n_lines: int,
     decimal: str = ".",
-) -> list[FloatArray | list[str]]:
+) -> list[FloatArray | Sequence[str]]:
     """Return the columns of lines of which the separators were counted; ValueError where one is odd.
 
     NumPy reads short texts, since pandas takes long to load; both give the nearest float. Without words
@@ -186,9 +247,44 @@ def columns_of(
     ]
 
 
+class Stamps(Sequence[str]):
+    """Texts of one width, such as dates: kept as bytes, since most readers want their digits only."""
+
+    def __init__(self, codes: NDArray[np.uint8]) -> None:
+        self.codes = codes  # shape (n, width): ASCII
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+    @overload
+    def __getitem__(self, i: int) -> str: ...
+    @overload
+    def __getitem__(self, i: slice) -> Stamps: ...
+    def __getitem__(self, i: int | slice) -> str | Stamps:
+        if isinstance(i, slice):
+            return Stamps(self.codes[i])
+        return str(self.codes[i].tobytes(), "ascii")
+
+    def __iter__(self) -> Iterator[str]:
+        joined, width = self.codes.tobytes().decode(), self.codes.shape[1]
+        return (joined[i : i + width] for i in range(0, len(joined), width))
+
+    def begin_with_digits(self) -> bool:
+        """Whether no text is a word."""
+        return bool((self.codes[:, 0] - np.uint8(ord("0")) < np.uint8(10)).all())
+
+    @classmethod
+    def below(cls, parts: Sequence[Sequence[str]]) -> Sequence[str]:
+        """Return columns of texts one below the other: stamps where all are of one width, else a list."""
+        codes = [p.codes for p in parts if isinstance(p, Stamps)]
+        if parts and len(codes) == len(parts) and len({c.shape[1] for c in codes}) == 1:
+            return cls(np.concatenate(codes))
+        return list(chain.from_iterable(parts))
+
+
 def _stamps(
     text: str, mark: str, labels: Sequence[bool], n_lines: int
-) -> dict[int, FloatArray | list[str]] | None:
+) -> dict[int, FloatArray | Sequence[str]] | None:
     """Return the columns of words by their place where each is of one width and differs from row to row, as stamps do.
 
     Such words are no sooner found by a parser, which looks for those that repeat; None for other columns.
@@ -200,19 +296,19 @@ def _stamps(
     if at.size != n_lines * len(labels) or n_lines < len(labels) + _FEW:
         return None
     ends = at.reshape(n_lines, len(labels))
-    starts = np.concatenate([[0], at[:-1] + 1]).reshape(ends.shape)
-    found: dict[int, FloatArray | list[str]] = {}
+    found: dict[int, FloatArray | Sequence[str]] = {}
     for k in np.flatnonzero(labels).tolist():
-        width = int(ends[0, k] - starts[0, k])
-        if width < _FEW or (ends[:, k] - starts[:, k] != width).any():
+        starts = ends[:, k - 1] + 1 if k else np.concatenate([[0], ends[:-1, -1] + 1])
+        widths = ends[:, k] - starts
+        width = int(widths[0])
+        if width < _FEW or (widths != width).any():
             return None
-        fields = sliding_window_view(octets, width)[starts[:, k]]
+        fields = sliding_window_view(octets, width)[starts]
         if not (fields[1:_MANY] != fields[: _MANY - 1]).any(axis=1).all() or np.any(
             (fields[:, 0] == ord(" ")) | (fields[:, -1] == ord(" "))
         ):
             return None
-        joined = fields.tobytes().decode()
-        found[k] = [joined[i : i + width] for i in range(0, len(joined), width)]
+        found[k] = Stamps(fields)
     return found
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -22,12 +22,15 @@ from metrosep.core.errors import AmbiguousFormatError, CorruptFileError
 from metrosep.core.text_options import TextOptions
 from metrosep.io.source import RawFile
 from metrosep.io.text._compiled import (
+    Stamps,
     columns_of,
     may_hold_comments,
+    may_hold_words,
     n_in,
     single_blanks,
     without_groups,
     without_quotes,
+    words_in,
 )
 from metrosep.io.text.dialect import (
     BEYOND,
@@ -90,9 +93,6 @@ _IN_DOUBT = {
 """A number that may be in groups of thousands; with a point only where it ends in 0."""
 
 
-_FEW_ODD = 20_000
-"""Fields that are looked at one by one sooner than the text is searched for words."""
-_BEYOND_BARE = {word.lstrip("+-") for word in BEYOND}
 _INFINITE = {word for word in BEYOND if "inf" in word}
 
 _THREE_DIGITS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}\.\d{3}(?![\d.,])")
@@ -110,7 +110,7 @@ def _names_unit(comment: str) -> bool:
 class Block:
     """Rows in the order of the file: numbers or texts of each column, and the line of each row."""
 
-    columns: list[FloatArray | list[str]]
+    columns: list[FloatArray | Sequence[str]]
     lines: NDArray[np.int64]
 
 
@@ -129,13 +129,13 @@ def joined(blocks: Iterable[Block], labels: Sequence[bool], size: int) -> Block:
         lines[n:end] = block.lines
         for kept, values in zip(columns, block.columns, strict=True):
             if isinstance(kept, list):
-                kept.extend(values)
+                kept.append(values)
             else:
                 kept[n:end] = values
         n = end
     for kept in (lines, *(c for c in columns if not isinstance(c, list))):
         kept.resize(n, refcheck=False)
-    return Block(columns, lines)
+    return Block([Stamps.below(c) if isinstance(c, list) else c for c in columns], lines)
 
 
 class Body:
@@ -154,6 +154,7 @@ class Body:
         is_map: bool = False,
         has_own_runs: bool = False,
         is_numbered: bool = False,
+        may_be_words: Iterable[int] = (),
     ) -> None:
         self._file, self._layout, self._options, self.ledger = file, layout, options, ledger
         self._names = tuple(names)
@@ -162,6 +163,10 @@ class Body:
         self._header = [[f.strip() for f in fields] for fields in header]
         self._is_map, self._has_own_runs = is_map, has_own_runs
         self._is_numbered = is_numbered  # names of the rows such as #1 are no comments
+        self._open = set(may_be_words)  # columns without a field so far, which may hold words
+        self.words_in: int | None = (
+            None  # the one of these in which words stand, once it was refused
+        )
         self._words = NO_READING | {m for m in options.missing or () if isinstance(m, str)}
         self._pending: list[
             tuple[int, str, bool]
@@ -185,7 +190,7 @@ class Body:
         self._beyond: list[tuple[int, str]] = []
         self._groups: list[tuple[int, str]] = []  # the first field with groups of digits
         self._n_groups = 0
-        self._has_words = False  # whether a field said that nothing was measured
+        self._has_words: bool | None = None  # whether a field may say that nothing was measured
         self._markers = [m for m in options.missing or () if isinstance(m, float)]
         self.comments: list[str] = []
         self._left = ""  # lines of a field in quotes that ends in the part that follows
@@ -306,9 +311,10 @@ class Body:
         """Note where the rows end, and make declared markers NaN."""
         if block.lines.size:
             self.last_line = int(block.lines[-1])
+        self._open -= {k for k in self._open if np.isfinite(block.columns[k]).any()}
         if self._markers:
             for values in block.columns:
-                if not isinstance(values, list):
+                if isinstance(values, np.ndarray):
                     values[np.isin(values, self._markers)] = np.nan
         return block
 
@@ -332,7 +338,7 @@ class Body:
 
     def _fast(
         self, text: str, n_lines: int, n_marks: int, first: int
-    ) -> list[FloatArray | list[str]] | None:
+    ) -> list[FloatArray | Sequence[str]] | None:
         """Return the columns of a block in which every line is a row, else ``None``.
 
         The separators are counted, so that the compiled parser, which fills a short row in silence and
@@ -386,7 +392,7 @@ class Body:
         columns = self._parsed(text, mark, n_lines, decimal, first)
         if columns is None or (any(self._labels) and mark == ";" and _has_empty(columns[0])):
             return None  # a line that begins with a semicolon may be a comment
-        numbers = [c for c in columns if not isinstance(c, list)]
+        numbers = [c for c in columns if isinstance(c, np.ndarray)]
         if len(columns) != self._n or any(len(c) != n_lines for c in columns):
             return None
         finite = [np.isfinite(c) for c in numbers]
@@ -406,16 +412,18 @@ class Body:
         n_lines: int,
         decimal: str,
         first: int,
-    ) -> list[FloatArray | list[str]] | None:
+    ) -> list[FloatArray | Sequence[str]] | None:
         """Return the columns as the compiled parser reads them, words for no reading only once there are any."""
+        if self._has_words is None:
+            self._has_words = may_hold_words(text, mark) and not any(self._labels)
         if not self._has_words:
             with contextlib.suppress(ValueError):
                 columns = columns_of(text, mark, self._labels, frozenset(), n_lines, decimal)
-                if not any(np.isinf(c).any() for c in columns if not isinstance(c, list)):
+                if not any(np.isinf(c).any() for c in columns if isinstance(c, np.ndarray)):
                     return columns
-        words = self._words - _INFINITE  # 1e999 would be such a word
+        words = words_in(text, self._words - _INFINITE)  # 1e999 would be such a word
         if mark == " ":  # in a short row the parser would take what is missing for a word
-            text, words = single_blanks(text), frozenset(w for w in words if w and " " not in w)
+            text, words = single_blanks(text), {w for w in words if w and " " not in w}
             if text.count(" ") != n_lines * (self._layout.n_raw - 1):
                 return None
         try:
@@ -423,10 +431,15 @@ class Body:
         except ValueError:
             return None
         self._has_words = True
-        return columns if self._note_beyond(text, mark, columns, first) else None
+        return columns if self._note_beyond(text, mark, columns, first, words) else None
 
     def _note_beyond(
-        self, text: str, mark: str, columns: list[FloatArray | list[str]], first: int
+        self,
+        text: str,
+        mark: str,
+        columns: list[FloatArray | Sequence[str]],
+        first: int,
+        words: Set[str],
     ) -> bool:
         """Make the fields NaN that say that the sensor was out of its range, and list them.
 
@@ -436,15 +449,10 @@ class Body:
         odd = {
             k: (c, np.flatnonzero(~np.isfinite(c)))
             for k, c in enumerate(columns)
-            if not isinstance(c, list)
+            if isinstance(c, np.ndarray)
         }
-        n_odd = sum(at.size for _, at in odd.values())
-        if not n_odd:
+        if words.isdisjoint(BEYOND) and not any(np.isinf(c[at]).any() for c, at in odd.values()):
             return True
-        if n_odd > _FEW_ODD and not any(np.isinf(c).any() for c, _ in odd.values()):
-            folded = text.lower()
-            if not any(word in folded for word in _BEYOND_BARE):
-                return True
         raw = text.encode()
         ends = np.flatnonzero(np.frombuffer(raw + b"\n", dtype=np.uint8) == ord("\n"))
         found = []
@@ -755,15 +763,15 @@ class Body:
 
     def _columns(
         self, rows: list[list[str]], lines: NDArray[np.int64]
-    ) -> list[FloatArray | list[str]]:
+    ) -> list[FloatArray | Sequence[str]]:
         if not rows:
             return [[] if label else np.empty(0) for label in self._labels]
-        found: list[FloatArray | list[str]] = []
+        found: list[FloatArray | Sequence[str]] = []
         for k, fields in enumerate(zip(*rows, strict=True)):
             if self._labels[k]:
                 found.append([f.strip() for f in fields])
                 continue
-            found.append(self._floats(fields, lines, self._names[k]))
+            found.append(self._floats(fields, lines, k))
             if self._unproven:
                 self._look_for_groups(k, fields, lines)
         return found
@@ -785,9 +793,9 @@ class Body:
         if odd is not None and (mark == "," or self._whole[k] or self._may_be_comma):
             raise one_or_thousand(self._file, *odd, self._names[k], mark)
 
-    def _floats(self, fields: Sequence[str], lines: NDArray[np.int64], name: str) -> FloatArray:
+    def _floats(self, fields: Sequence[str], lines: NDArray[np.int64], k: int) -> FloatArray:
         """Return the numbers of a column; the quick way first, then field by field."""
-        dialect = self._layout.dialect
+        dialect, name = self._layout.dialect, self._names[k]
         joined = "\n".join(fields)
         if dialect.decimal == "," and "." not in joined:
             joined = joined.replace(",", ".")
@@ -814,6 +822,8 @@ class Body:
                 if not self._groups or lines[i] < self._groups[0][0]:
                     self._groups = [(int(lines[i]), field.strip())]
             else:
+                if k in self._open and not np.isfinite(values[:i]).any():
+                    self.words_in = k
                 self._refuse_other_mark(int(lines[i]), field.strip(), name)
                 raise bad_field(self._file, int(lines[i]), field.strip(), f"column {name!r}")
         if np.isinf(values).any():
@@ -857,8 +867,10 @@ def _in_parts(text: str, size: int, *, last: bool) -> Iterator[tuple[str, bool]]
         start = end
 
 
-def _has_empty(column: FloatArray | list[str]) -> bool:
-    return "" in column if isinstance(column, list) else bool(np.isnan(column).any())
+def _has_empty(column: FloatArray | Sequence[str]) -> bool:
+    if isinstance(column, Stamps):
+        return False
+    return bool(np.isnan(column).any()) if isinstance(column, np.ndarray) else "" in column
 
 
 def row_in_comment(fields: Sequence[str], layout: Layout) -> bool:

@@ -26,10 +26,12 @@ from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import parse_unit
+from metrosep.io._roles import ColumnSpec
 from metrosep.io.declared import Match
 from metrosep.io.own_notes import is_marked
 from metrosep.io.registry import BuiltIn, demand, sniffer
 from metrosep.io.source import HEAD_BYTES, RawFile
+from metrosep.io.text._compiled import Stamps
 from metrosep.io.text.dialect import (
     NO_READING,
     Layout,
@@ -43,14 +45,7 @@ from metrosep.io.text.encoding import head_text
 from metrosep.io.text.lines import are_numbered_rows, are_rows_like_comments, is_rule, unframed
 from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
-from metrosep.io.text.table import (
-    Column,
-    ColumnSpec,
-    TextTable,
-    markers_in,
-    read_table,
-    text_of,
-)
+from metrosep.io.text.table import Column, TextTable, markers_in, read_table, text_of
 from metrosep.io.text.times import RunningClock, moments
 
 __all__ = ["channels", "parquet", "read", "sniff", "sqlite", "worksheet"]
@@ -308,8 +303,10 @@ class TextSource:
             yield {n: rest[:, k].copy() for n, k in zip(names, where, strict=True)}
 
 
-def _moment_texts(texts: Any) -> list[str]:
+def _moment_texts(texts: Any) -> Sequence[str]:
     """Return the entries of a column of moments, empty where a word says that there is none."""
+    if isinstance(texts, Stamps) and texts.begin_with_digits():
+        return texts
     return ["" if t.lower() in NO_READING else t.strip('"') for t in map(str, texts)]
 
 

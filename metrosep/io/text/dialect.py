@@ -257,6 +257,8 @@ _FULL_WIDTH = {0xFF01 + k: 0x21 + k for k in range(94)} | {0x3000: " "}
 _SPACED = re.compile(
     r"^(.+?)\s+(pm|nm|um|\u00b5m|\u03bcm|mm|cm|urad|mrad|arcsec|deg|ms|us|mV|mm/min|m/min|mm/s|m/s)$"
 )
+_SPEED = re.compile(r"^([^/]+?)[\s_]+(?:/\s*)?(\S+/(?:min|s|h))$")
+"""Before what follows a slash: ``feed mm/min`` is no time."""
 _OTHER_BRACKETS = re.compile(r"[{<]\s*([^{}<>]+?)\s*[}>]$")
 _BRACKETS = re.compile(r"^[\[(<]\s*(.*?)\s*[\])>]$")
 
@@ -300,7 +302,7 @@ def header_unit(header: str) -> tuple[str, Unit | None]:
         return (text, None) if _is_of_another(name, unit) else (name, unit)
     if bare_unit(text) is not None:
         return text, None
-    for pattern in (_IN, _SLASH, _COMMA, _SPACED):
+    for pattern in (_IN, _SPEED, _SLASH, _COMMA, _SPACED):
         match = pattern.match(text)
         if match is not None:
             unit = bare_unit(match.group(2))
@@ -502,6 +504,9 @@ def find_layout(
         above + len(best.rows) + len(best.unmeasured),
         unproven,
         len(sample) - 1 in best.rows or len(sample) - 1 in best.unmeasured,
+        tuple(
+            not any(f.strip() for f in column) for column in zip(*best.rows.values(), strict=True)
+        ),
     )
 
 
@@ -519,6 +524,7 @@ class Layout:
     n_fit: int  # lines that are rows
     unproven: bool  # no number shows what its decimal mark is
     ends: bool  # the last line looked at is a row
+    empty: tuple[bool, ...]  # which columns hold nothing in the lines looked at
 
 
 def unmeasured_rows(lines: Sequence[str]) -> int:

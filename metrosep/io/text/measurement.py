@@ -28,9 +28,21 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, likely_meaning, parse_unit
-from metrosep.io._roles import is_read_too, role_of, runs_in, targets_in
+from metrosep.io._roles import (
+    ColumnSpec,
+    is_read_too,
+    pick,
+    refuse_marker,
+    role_of,
+    runs_in,
+    sensitivity,
+    since_first_row,
+    targets_in,
+    to_si,
+    without_counter,
+)
 from metrosep.io.objects import SI_NAMES, make_surface, scaled, to_grid
-from metrosep.io.own_notes import header_notes, is_marked
+from metrosep.io.own_notes import header_notes
 from metrosep.io.several_runs import BLOCKS, FoundRuns, SeveralRunsError, table_advice
 from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
 from metrosep.io.text.dialect import header_unit, is_other_unit
@@ -44,15 +56,10 @@ from metrosep.io.text.matrices import (
 from metrosep.io.text.quality import is_truth
 from metrosep.io.text.table import (
     Column,
-    ColumnSpec,
     SinceFirst,
     Table,
     interruption,
-    pick,
-    refuse_marker,
-    sensitivity,
-    since_first_row,
-    to_si,
+    refuse_row_gap,
     without_empty_rows,
 )
 from metrosep.io.text.times import counted_moments, is_long_count, written_moments
@@ -90,7 +97,7 @@ def measurement(
     if not any((channel, x, y, z, time)):  # else what is not asked for may hold what it wants
         _refuse_markers(file, table, table.numbers)
     table, channel, labels = _rows_of(file, table, channel)
-    table = _without_counter(table, given=(channel, x, y, z, time))
+    table = without_counter(table, given=(channel, x, y, z, time))
     unit = declared_units(unit)
     bare = is_matrix(table)
     each = unit is not None and not isinstance(unit, str)  # one for each column, not one for all
@@ -223,7 +230,7 @@ def _omitted(table: Table) -> Iterator[str]:
 _NUMBER_AND_UNIT = re.compile(r"[+\-\u2212]?[\d.,]+(?:[eE][+-]?\d+)?\s*[^\W\d]\D*")
 
 
-def _is_stacked(labels: tuple[str, ...], different: tuple[str, ...]) -> bool:
+def _is_stacked(labels: Sequence[str], different: tuple[str, ...]) -> bool:
     """Whether labels name one part of the rows after the other: a status that comes and goes does not.
 
     Neither does a name for every row, nor one beside empty cells.
@@ -231,48 +238,6 @@ def _is_stacked(labels: tuple[str, ...], different: tuple[str, ...]) -> bool:
     changes = sum(map(operator.ne, labels, itertools.islice(labels, 1, None)))
     named = sum(map(bool, different))
     return named > 1 and 2 * len(different) <= len(labels) and changes == len(different) - 1
-
-
-def _without_counter(table: Table, *, given: Sequence[ColumnSpec | None]) -> Table:
-    """Return the table without a column that numbers its rows, unless the caller or metrosep itself names it."""
-    unnamed, named = table.header.get("unnamed", ()), table.header.get("named", True)
-    named = named and not any(map(is_marked, table.header.get("comments", ())))
-    texts = [g if isinstance(g, str) else g[0] for g in given if g]
-    asked = {header_unit(t)[0].casefold() for g in texts for t in (g, g.rpartition(":")[0])}
-    counters = [
-        c
-        for c in table.numbers
-        if (c.name in unnamed or (named and role_of(c.name) == "index"))
-        and header_unit(c.name)[0].casefold() not in asked
-        and c.unit is None
-        and _counts_rows(c.values)
-    ]
-    if not counters or len(table.numbers) == len(counters):
-        return table
-    said = []
-    for c in counters:
-        values = np.empty(0) if c.values is None else c.values
-        jumps = np.flatnonzero(np.diff(values) > 1.0)
-        if jumps.size:
-            i = int(jumps[0])
-            said.append(
-                f"line {int(table.lines[i + 1])}: column {c.name!r}, which numbers the rows, goes from "
-                f"{values[i]:.0f} to {values[i + 1]:.0f} ({jumps.size} such place(s)); rows may be missing there"
-            )
-    kept = tuple(c for c in table.columns if c not in counters)
-    return replace(table, columns=kept, warnings=(*table.warnings, *said))
-
-
-def _counts_rows(values: FloatArray | None) -> bool:
-    """Whether numbers rise by one from row to row, but for a few rows that were left out."""
-    steps = np.diff(values if values is not None else np.empty(0))
-    return steps.size > 0 and bool(
-        np.all(steps >= 1.0) and np.all(steps % 1.0 == 0.0) and np.mean(steps == 1.0) > _COUNTED
-    )
-
-
-_COUNTED = 0.9
-"""Share of the steps of a count of rows that are one."""
 
 
 def _take(table: Table, keep: Any) -> Table:
@@ -513,6 +478,8 @@ class _Made:
                     f"{t[falls[0] + 1]:g} s; correct it, or leave the line out with skip_lines='{line}'"
                 )
         else:
+            if channel is None:
+                refuse_row_gap(self.file, table, f"channel={table.numbers[0].name!r}")
             t = np.arange(len(table), dtype=np.float64) / rate_of(sampling_rate or 0.0)
             self.table = replace(table, warnings=(*table.warnings, *interruption(table)))
         chosen = [c for c in table.numbers if timed is None or c.name != timed.name]
@@ -548,7 +515,7 @@ class _Made:
         self, x: ColumnSpec | None, z: ColumnSpec | None, steps: tuple[float, float] | None
     ) -> Profile:
         """Return a height over a position, or over rows of one step."""
-        file, table = self.file, self.table
+        file, table, is_named = self.file, self.table, z is not None
         if x is None and z is None and len(table.numbers) > 2:
             blank = {c.name for c in table.numbers if _is_empty(c)}
             if len(table.numbers) - len(blank) == 2:
@@ -584,6 +551,8 @@ class _Made:
         heights = self.lengths("z", z)
         self.used["scale_m_per_v"] = self.scale
         if x is None:
+            if not is_named:
+                refuse_row_gap(file, table, f"z={z!r}")
             self.used["lateral_step_m"] = step = steps[0] if steps is not None else 0.0
             positions: FloatArray = step * np.arange(heights.size, dtype=np.float64)
         else:

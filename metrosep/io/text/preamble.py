@@ -23,13 +23,22 @@ from metrosep.io.text.dialect import (
 from metrosep.io.text.encoding import ROLE_WORDS
 from metrosep.io.text.lines import bad_field, is_drawn
 
-__all__ = ["BEGUN", "Preamble"]
+__all__ = ["BEGUN", "Preamble", "names_a_role"]
 
 _POSITIONS = frozenset(ROLE_WORDS["position"].split())
 """Names of columns that have a unit, whatever stands above them."""
 
 _MEASURED = _POSITIONS.union(*(ROLE_WORDS[role].split() for role in ("height", "time")))
 """Names of columns of which one that all rows lack need not be the last."""
+
+
+_ROLES = frozenset(word for words in ROLE_WORDS.values() for word in words.split())
+
+
+def names_a_role(name: str) -> bool:
+    """Return whether a word of the name of a column says that numbers belong into it."""
+    words = re.split(r"[\W_]+", header_unit(name)[0].casefold())
+    return any(w.rstrip("0123456789") in _ROLES for w in words if w)
 
 
 def _is_measured(name: str) -> bool:

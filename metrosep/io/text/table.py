@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     AmbiguousFormatError,
+    CorruptFileError,
     FormatMismatchError,
     UnitError,
 )
 from metrosep.core.text_options import TextOptions
-from metrosep.core.units import Unit, likely_meaning, parse_sensitivity, parse_unit
+from metrosep.core.units import Unit, parse_unit
 from metrosep.io.own_notes import is_marked
 from metrosep.io.source import RawFile
 from metrosep.io.text._rows import (
@@ -39,8 +40,6 @@ from metrosep.io.text.dialect import (
     BEYOND,
     NO_COMMENT,
     NO_READING,
-    encoding_hint,
-    find_column,
     find_layout,
     is_comment,
     number_of,
@@ -62,34 +61,27 @@ from metrosep.io.text.lines import (
     refuse_quotes,
     unframed,
 )
-from metrosep.io.text.preamble import BEGUN, Preamble
+from metrosep.io.text.preamble import BEGUN, Preamble, names_a_role
 from metrosep.io.text.quality import marked_bad, marker_of
 from metrosep.io.text.times import (
-    LONG_AGO_S,
     Entries,
     Moments,
     is_long_count,
     is_moment,
     may_be_minutes,
     moments,
-    written_moments,
 )
 
 __all__ = [
     "Column",
-    "ColumnSpec",
     "SinceFirst",
     "Table",
     "TextTable",
     "interruption",
     "markers_in",
-    "pick",
     "read_table",
-    "refuse_marker",
-    "sensitivity",
-    "since_first_row",
+    "refuse_row_gap",
     "text_of",
-    "to_si",
     "without_empty_rows",
 ]
 
@@ -124,7 +116,9 @@ class Column:
     # shape (n,), or None: numbers in the unit of the file, NaN = not measured; ``None`` for a
     # column of labels
     values: FloatArray | None
-    labels: tuple[str, ...] | None = None  # texts of a column of labels
+    labels: Sequence[str] | None = (
+        None  # texts of a column of labels; a tuple once its dates are read
+    )
 
 
 class SinceFirst(NamedTuple):
@@ -180,14 +174,14 @@ def read_table(file: RawFile, **text: Any) -> Table:
     source = TextTable(file, TextOptions.of(text))
     file = source.file
     n = len(source.head.names)  # empty columns may have a name, and fields without one be remarks
-    labels = (*source.head.layout.labels, *[False] * n)[:n]
-    rows = joined(source.blocks(), labels, source.rows_at_most())
+    rows = source.rows()
+    dated = (*source.head.layout.dated, *[False] * n)[:n]
     columns = [
-        Column(name, unit, None, tuple(values))
-        if isinstance(values, list)
-        else Column(name, unit, values)
-        for name, unit, values in zip(
-            source.head.names, source.head.units, rows.columns, strict=True
+        Column(name, unit, values)
+        if isinstance(values, np.ndarray)
+        else Column(name, unit, None, values if is_dated else tuple(values))
+        for name, unit, values, is_dated in zip(
+            source.head.names, source.head.units, rows.columns, dated, strict=True
         )
     ]
     unnamed = source.head.facts["unnamed"]
@@ -378,9 +372,11 @@ def with_moments(
             )
     unit = parse_unit("s")
     made = [
-        c
-        if (m := found.get(k)) is None or not np.any(m.seconds)
-        else Column(c.name, unit, m.seconds)
+        Column(c.name, unit, m.seconds)
+        if (m := found.get(k)) is not None and np.any(m.seconds)
+        else c
+        if c.labels is None
+        else replace(c, labels=tuple(c.labels))
         for k, c in enumerate(columns)
     ]
     kept = [c for k, c in enumerate(made) if k != day or k in found]
@@ -415,14 +411,34 @@ class TextTable:
                 further += _usable(unframed(part, self._first_part), options)
         self.head = TableHead(file, top, self._encoding, options, further)
 
-    def rows_at_most(self) -> int:
+    def rows(self) -> Block:
+        """Return all rows; a column that begins with empty fields is one of words where words follow, and no number."""
+        late: dict[int, CorruptFileError] = {}
+        while True:
+            labels = (*self.head.layout.labels, *[False] * len(self.head.names))
+            try:
+                rows = joined(self.blocks(), labels[: len(self.head.names)], self._rows_at_most())
+            except CorruptFileError as refused:
+                if (k := self._body.words_in) is None:
+                    raise
+                late[k] = refused
+                labels = (*labels[:k], True, *labels[k + 1 :])
+                self.head.layout = replace(self.head.layout, labels=labels)
+                continue
+            plain = self.head.layout.dialect.plain
+            for k, why in late.items():
+                if any(plain(str(t)) is not None for t in set(rows.columns[k])):
+                    raise why
+            return rows
+
+    def _rows_at_most(self) -> int:
         """Return a guess of the number of rows, from the length of the lines at the start."""
         head = self.file.head_lines
         return 16 + int(1.1 * self.file.size * max(head.count(_end_of(head)), 1) / len(head))
 
     def blocks(self) -> Iterator[Block]:
         """Yield the rows; at the end the lines must add up, and what was odd is known."""
-        body = self.head.body()
+        self._body = body = self.head.body()
         self.warnings: tuple[str, ...] = ()
         self.comments: tuple[str, ...] = ()
         text, hidden, n_rows = "", self.head.first_line - 1, 0
@@ -552,12 +568,6 @@ def markers_in(
     return found, markers
 
 
-def refuse_marker(file: RawFile, table: Table, name: str) -> None:
-    """Refuse a column that is used where one of its values surely means "not measured"."""
-    if (message := table.header.get("markers", {}).get(name)) is not None:
-        raise AmbiguousFormatError(f"{file.path}: {message}")
-
-
 def without_empty_rows(table: Table) -> Table:
     """Return a table without the rows of which every field is empty, with a warning that names them."""
     filled = np.zeros(len(table), dtype=np.bool_)
@@ -579,6 +589,15 @@ def without_empty_rows(table: Table) -> Table:
     return replace(
         table, columns=columns, lines=table.lines[filled], warnings=(*table.warnings, said)
     )
+
+
+def refuse_row_gap(file: RawFile, table: Table, option: str) -> None:
+    """Refuse rows whose place is counted where their own numbers have a gap: all later ones would lie too early."""
+    if (said := table.header.get("row_gap")) is not None:
+        raise FormatMismatchError(
+            f"{file.path}: {said}, and all later rows would lie too early; give the rows a column of position or "
+            f"time, or {option} to take them as they follow one another"
+        )
 
 
 def interruption(table: Table) -> tuple[str, ...]:
@@ -741,7 +760,16 @@ class TableHead:
             has_own_runs=self.has_own_runs,
             is_map=not self.facts["named"] and len(self.names) > _FEW,
             is_numbered=self._is_numbered,
+            may_be_words=self._may_be_words(),
         )
+
+    def _may_be_words(self) -> Iterator[int]:
+        """Yield columns without a field in the sample, of which no unit and no name says that they hold numbers."""
+        empty = (*self.layout.empty, *[True] * len(self.names))
+        labels = (*self.layout.labels, *[False] * len(self.names))
+        for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            if k and empty[k] and not labels[k] and unit is None and not names_a_role(name):
+                yield k
 
 
 def _further(rest: str, options: TextOptions) -> list[str]:
@@ -754,142 +782,3 @@ def _usable(part: str, options: TextOptions) -> list[str]:
     """Return the whole lines of a part that may be rows."""
     lines = part.split("\n")[1:-1]
     return [line for line in lines if line.strip() and not is_comment(line, options.comment)]
-
-
-# ---- columns of a table picked by name and brought to SI, with a unit that somebody declared ----
-
-ColumnSpec: TypeAlias = str | tuple[str, str]
-"""A column: its name, ``"name:unit"`` or ``("name", "unit")``."""
-
-
-def pick(
-    file: RawFile, table: Table, spec: ColumnSpec, *, role: str
-) -> tuple[Column, Unit | None]:
-    """Return the column that a specification names, and its unit."""
-    declared: str | None = None
-    if isinstance(spec, str):
-        name = spec
-        if spec not in table.names and ":" in spec:
-            name, declared = spec.rsplit(":", 1)
-    else:
-        if len(spec) != 2:
-            raise FormatMismatchError(
-                f"{role} column {spec!r} must be a name or a pair of name and unit"
-            )
-        name, declared = spec
-    if name.strip().isdecimal() and not table.header.get("named", True):
-        number = int(name)
-        name = table.names[number - 1] if 1 <= number <= len(table.names) else name
-    column = table[find_column(name, table.names, file.path, role=role)]
-    refuse_marker(file, table, column.name)
-    if not declared:
-        return column, column.unit
-    unit = parse_unit(declared)
-    if column.unit is not None and column.unit != unit:
-        raise FormatMismatchError(
-            f"{file.path}: {role} column {column.name!r} is in {column.unit.name} by its header, but "
-            f"{unit.name} was given; leave the unit out or correct the header"
-        )
-    return column, unit
-
-
-def to_si(
-    file: RawFile,
-    column: Column,
-    unit: Unit | None,
-    *,
-    dimension: str,
-    role: str,
-    scale: float | None = None,
-) -> FloatArray:
-    """Return the numbers of a column in SI."""
-    if column.values is None:
-        first = column.labels[0] if column.labels else ""
-        raise FormatMismatchError(
-            f"{file.path}: {role} column {column.name!r} holds text ({first!r}), not numbers; name "
-            "another column"
-        )
-    odd = likely_meaning(column.name) if unit is None else None
-    if odd is not None:
-        raise UnitError(
-            f"{file.path}: the unit of column {column.name!r} ({role}) is not known: {odd}; correct the "
-            f"header, or give {role}=({column.name!r}, {_usual(dimension)!r})"
-        )
-    if unit is None and (odd := encoding_hint([column.name])):
-        raise UnitError(
-            f"{file.path}: the unit of column {column.name!r} ({role}) is not known: {odd}"
-        )
-    bracketed = re.search(r"[\[(<]\s*([^\])>]+?)\s*[\])>]\s*$", column.name)
-    if unit is None and bracketed:
-        raise UnitError(
-            f"{file.path}: column {column.name!r} ({role}) has {bracketed[1]!r} for its unit, which is not known "
-            f"as one of a {dimension}; correct the header, or give {role}=({column.name!r}, 'UNIT')"
-        )
-    if unit is None:
-        raise UnitError(
-            f"{file.path}: column {column.name!r} ({role}) declares no unit; rename it like "
-            f"'{column.name}_{_usual(dimension)}', or give {role}=({column.name!r}, "
-            f"{_usual(dimension)!r}) or unit="
-            + (", with ms, us or ns for s if it counts these" if dimension == "time" else "")
-        )
-    if scale is not None:
-        if unit.dimension != "voltage":
-            raise UnitError(
-                f"{file.path}: column {column.name!r} ({role}) is in {unit.name}, not in volts; leave "
-                "scale= out"
-            )
-        return np.asarray(column.values * (unit.factor * scale))
-    if unit.dimension == "voltage" and dimension == "length":
-        raise UnitError(
-            f"{file.path}: column {column.name!r} ({role}) is in {unit.name}; give the sensitivity of "
-            "the sensor, such as scale='2.5 um/V'"
-        )
-    if unit.dimension != dimension:
-        raise UnitError(
-            f"{file.path}: column {column.name!r} ({role}) is in {unit.name} ({unit.dimension}); "
-            f"{'an' if dimension[:1] in 'aeiou' else 'a'} {dimension} is needed; name another column"
-        )
-    return np.asarray(column.values * unit.factor)
-
-
-def since_first_row(
-    table: Table, column: Column, unit: Unit | None
-) -> tuple[FloatArray, str, Decimal] | None:
-    """Return a time that counts from a date as counts from its first row, the sentence that says so, and that row's count in s.
-
-    A float of seconds since 1970 holds 0.24 us.
-    """
-    if unit is None or unit.dimension != "time" or column.values is None:
-        return None
-    least = np.fmin.reduce(np.abs(column.values), initial=np.inf)
-    if not LONG_AGO_S < least * unit.factor < np.inf:
-        return None
-    if written_moments(column.values) is not None:
-        raise UnitError(
-            f"column {column.name!r} holds dates written as numbers such as {column.values[0]:.0f}, not counts in "
-            f"{unit.name}; leave its unit out, or write them as yyyy-mm-dd hh:mm:ss"
-        )
-    since, first = table.since_first(column)
-    said = (
-        f"column {column.name!r} counts from a date; its time is given from the first row, which is at {first} "
-        f"{unit.name}"
-    )
-    return since, said, Decimal(first) * Decimal(repr(unit.factor))
-
-
-def sensitivity(scale: float | str | None) -> float | None:
-    """Return the sensitivity of a sensor in m/V."""
-    if isinstance(scale, str):
-        return parse_sensitivity(scale)
-    return None if scale is None else float(scale)
-
-
-def _usual(dimension: str) -> str:
-    return {
-        "length": "um",
-        "time": "s",
-        "speed": "mm/min",
-        "angle": "deg",
-        "voltage": "V",
-        "frequency": "Hz",
-    }.get(dimension, "um")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError
+from metrosep.io.text._compiled import Stamps
 
 __all__ = [
     "LONG_AGO_S",
@@ -52,7 +53,14 @@ _CLOCK = (
     r"|(?P<h>\d{1,4}):(?P<min>\d\d)(?::(?P<sec>\d\d(?:[.,:]\d{1,9})?))?\s?(?P<half>[AaPp]\.?[Mm]\.?)?)"
 )
 _ZONE = r"\s?(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?"
-_MOMENT = re.compile(rf"{_DATE}(?:(?:T|,?\s+){_CLOCK}{_ZONE})?|{_CLOCK.replace('?P<', '?P<c_')}")
+_BASIC = (
+    r"(?P<b_y>(?:19|20|21)\d\d)(?P<b_m>0\d|1[0-2])(?P<b_d>[0-3]\d)"
+    r"T(?P<b_h>[0-2]\d)(?P<b_min>\d\d)(?P<b_sec>\d\d(?:[.,]\d{1,9})?)?(?P<b_zone>Z|[+-]\d\d:?\d\d)?"
+)
+"""ISO 8601 without marks: 20261129T101500."""
+_MOMENT = re.compile(
+    rf"{_DATE}(?:(?:T|,?\s+){_CLOCK}{_ZONE})?|{_CLOCK.replace('?P<', '?P<c_')}|{_BASIC}"
+)
 _SECOND = 10**9
 _DAY = 86400 * _SECOND
 _HALF = 43200 * _SECOND
@@ -171,7 +179,7 @@ class Entries:
         self.is_dated = np.zeros(n, dtype=np.bool_)
         self.is_swappable = np.zeros(n, dtype=np.bool_)  # a/b/y, of which a is taken as the month
         self.is_short = np.zeros(n, dtype=np.bool_)  # whether a may be the year: a/b/yy, a.b.yy
-        self.date = np.zeros((3, n), dtype=np.int64)  # year, month, day
+        self.date = np.zeros((3, n), dtype=np.int32)  # year, month, day
         self.form = np.zeros(n, dtype=np.int8)  # of the time of day: index of `_FORMS`
         self.ns = np.zeros(n, dtype=np.int64)  # of the day
         self.is_time = np.ones(n, dtype=np.bool_)  # whether a clock can show it: no 12:75
@@ -182,6 +190,11 @@ class Entries:
 
     def _take(self, texts: Sequence[str], start: int) -> None:
         """Take some texts: those of one shape, digits for digits, are read at once."""
+        if isinstance(texts, Stamps):
+            if texts.codes.shape[1] <= _LONGEST:
+                self._take_width(texts, texts.codes, start + np.arange(len(texts)))
+                return
+            texts = list(texts)
         lengths = np.fromiter(map(len, texts), dtype=np.int64, count=len(texts))
         self.is_empty[start : start + len(texts)] = lengths == 0
         usual = int(lengths[0]) if lengths.size else 0
@@ -198,37 +211,50 @@ class Entries:
                     {ord(c): str(int(c)) for c in set(joined) if c.isdecimal()}
                 )
             codes = np.frombuffer(joined.encode(encoding), dtype=kind).reshape(-1, length)
-            zero = codes.dtype.type(ord("0"))
-            shapes = np.where(codes - zero < _TEN, zero, codes)
-            left = np.arange(rows.size)
-            for _ in range(_SHAPES):
-                if not left.size:
-                    break
-                is_same = (shapes[left] == shapes[left[0]]).all(axis=1)
-                same = left[is_same]
-                self._take_shape(texts[int(rows[same[0]])], codes[same], start + rows[same])
-                left = left[~is_same]
-            for i in rows[left].tolist():
-                self.set(start + i, texts[i])
+            own = texts if alike else [texts[i] for i in rows.tolist()]
+            self._take_width(own, codes, start + rows)
+
+    def _take_width(
+        self, texts: Sequence[str], codes: NDArray[Any], rows: NDArray[np.intp]
+    ) -> None:
+        """Take texts of one width, those of one shape at once; `rows` rise."""
+        zero = codes.dtype.type(ord("0"))
+        digits = np.ascontiguousarray((codes - zero).T)
+        if all(d.max() < _TEN if d[0] < _TEN else (d == d[0]).all() for d in digits):
+            is_run = rows[-1] - rows[0] == rows.size - 1
+            where = slice(int(rows[0]), int(rows[-1]) + 1) if is_run else rows
+            self._take_shape(texts[0], digits, where)
+            return
+        shapes = np.where(codes - zero < _TEN, zero, codes)
+        left = np.arange(rows.size)
+        for _ in range(_SHAPES):
+            if not left.size:
+                break
+            is_same = (shapes[left] == shapes[left[0]]).all(axis=1)
+            same = left[is_same]
+            self._take_shape(texts[int(same[0])], digits[:, same], rows[same])
+            left = left[~is_same]
+        for i in left.tolist():
+            self.set(int(rows[i]), texts[i])
 
     def set(self, i: int, text: str) -> None:
         """Take one text by itself."""
-        codes = np.array([[ord("0") + int(c) if c.isdecimal() else ord(c) for c in text]])
-        self._take_shape(text, codes, np.array([i]))
+        digits = np.array([[int(c) if c.isdecimal() else -1] for c in text])
+        self._take_shape(text, digits, np.array([i]))
 
-    def _take_shape(self, text: str, codes: NDArray[Any], rows: NDArray[np.intp]) -> None:
-        """Take texts of the shape of the first, which tells where its parts are."""
+    def _take_shape(self, text: str, digits: NDArray[Any], rows: NDArray[np.intp] | slice) -> None:
+        """Take texts of the shape of the first, which tells where its parts are; a row of `digits` is a place in them."""
         found = _MOMENT.fullmatch(text)
         if found is None:
             return
         span = {
-            k.removeprefix("c_"): found.span(k)
+            k.removeprefix("c_").removeprefix("b_"): found.span(k)
             for k, v in found.groupdict().items()
             if v is not None
         }
 
-        def whole(name: str) -> NDArray[np.int64]:
-            return _whole(codes, *span[name])
+        def whole(name: str) -> NDArray[np.int32]:
+            return _whole(digits, *span[name])
 
         self.is_known[rows] = True
         if "y" in span:
@@ -249,21 +275,24 @@ class Entries:
             self.date[:, rows] = [year, np.full_like(year, month), whole("d3")]
         self.is_dated[rows] = not span.keys().isdisjoint(("y", "a", "name"))
         if "sf" in span:
-            self.ns[rows] = whole("mi") * 60 * _SECOND + _nanoseconds(text, codes, *span["sf"])
+            self.ns[rows] = whole("mi") * np.int64(60 * _SECOND) + _nanoseconds(
+                text, digits, *span["sf"]
+            )
         elif "h" in span:
             hour, half = whole("h"), text[slice(*span.get("half", (0, 0)))][:1].casefold()
             self.is_time[rows] = (whole("min") < 60) & ((hour <= 12) | (not half))
             hour = hour % 12 + 12 * (half == "p") if half else hour
-            second = _nanoseconds(text, codes, *span["sec"]) if "sec" in span else 0
-            self.ns[rows] = (hour * 60 + whole("min")) * 60 * _SECOND + second
+            second = _nanoseconds(text, digits, *span["sec"]) if "sec" in span else 0
+            self.ns[rows] = (hour * 60 + whole("min")) * np.int64(60 * _SECOND) + second
         for name in span.keys() & {"sf", "sec"}:  # 60 is a leap second
-            self.is_time[rows] &= _nanoseconds(text, codes, *span[name]) < 61 * _SECOND
+            self.is_time[rows] &= _nanoseconds(text, digits, *span[name]) < 61 * _SECOND
         if "zone" in span:
             self.is_zoned[rows] = True
             first, end = span["zone"]
             if text[first] in "+-":
-                minutes = _whole(codes, first + 1, first + 3) * 60 + _whole(codes, end - 2, end)
-                self.offset[rows] = minutes * (60 * _SECOND * (-1 if text[first] == "-" else 1))
+                minutes = _whole(digits, first + 1, first + 3) * 60 + _whole(digits, end - 2, end)
+                sign = -1 if text[first] == "-" else 1
+                self.offset[rows] = minutes * np.int64(60 * _SECOND * sign)
         form = ("mm:ss.f", "hh:mm:ss", "hh:mm")[["sf" in span, "sec" in span, True].index(True)]
         self.form[rows] = _FORMS.index(form) if "sf" in span or "h" in span else 0
 
@@ -279,24 +308,25 @@ _SHAPES = 64
 _TEN = np.uint8(10)
 
 
-def _in_full(year: NDArray[np.int64]) -> NDArray[np.int64]:
+def _in_full(year: NDArray[np.int32]) -> NDArray[np.int32]:
     """Return years of two digits as 1969 to 2068, as POSIX does: no clock of a computer decides."""
     return np.where(year >= _FIRST_SHORT, year + 1900, year + 2000)
 
 
-def _whole(codes: NDArray[Any], first: int, end: int) -> NDArray[np.int64]:
-    """Return the whole numbers that stand in columns of characters."""
-    found = np.zeros(codes.shape[0], dtype=np.int64)
+def _whole(digits: NDArray[Any], first: int, end: int) -> NDArray[np.int32]:
+    """Return the whole numbers of at most nine digits, one digit in each row of an array."""
+    found = np.zeros(digits.shape[1], dtype=np.int32)
     for k in range(first, end):
-        found = found * 10 + (codes[:, k].astype(np.int64) - ord("0"))
+        found *= 10
+        found += digits[k].astype(np.int32)
     return found
 
 
-def _nanoseconds(text: str, codes: NDArray[Any], first: int, end: int) -> NDArray[np.int64]:
+def _nanoseconds(text: str, digits: NDArray[Any], first: int, end: int) -> NDArray[np.int64]:
     """Return seconds such as 07.250 in ns."""
     mark = next((k for k in range(first, end) if not text[k].isdigit()), end)
-    part = _whole(codes, mark + 1, end) * np.int64(10 ** (9 - max(end - mark - 1, 0)))
-    return np.asarray(_whole(codes, first, mark) * _SECOND + part, dtype=np.int64)
+    part = _whole(digits, mark + 1, end) * np.int64(10 ** (9 - max(end - mark - 1, 0)))
+    return np.asarray(_whole(digits, first, mark) * np.int64(_SECOND) + part, dtype=np.int64)
 
 
 def moments(
@@ -315,23 +345,24 @@ def moments(
     if not said.is_known.any() or not (said.is_known | said.is_empty).all():
         return None
     own = np.flatnonzero(said.is_known)
+    rows = slice(None) if own.size == said.is_known.size else own  # a slice copies nothing
     if days is not None and not days.is_dated.all():
         return None
     on = said if days is None else days
     is_dated = on.is_dated
-    forms = said.form[own]
-    dated, timed = is_dated[own], forms > 0
+    forms = said.form[rows]
+    dated, timed = is_dated[rows], forms > 0
     if dated.any() != dated.all() or timed.any() != timed.all():
         return None
     ns = np.zeros(own.size, dtype=np.int64)
-    clock, offset = said.ns[own], said.offset[own]
-    wrong = own[~said.is_time[own] | (dated & (clock >= _DAY + _SECOND))]
+    clock, offset = said.ns[rows], said.offset[rows]
+    wrong = own[~said.is_time[rows] | (dated & (clock >= _DAY + _SECOND))]
     if wrong.size:
         raise AmbiguousFormatError(
             f"{where}: line {int(lines[wrong[0]])}: {texts[wrong[0]]!r} is not a time of day; correct it, or "
             "give sampling_rate="
         )
-    other = own[said.is_zoned[own] != said.is_zoned[own[0]]]
+    other = own[said.is_zoned[rows] != said.is_zoned[own[0]]]
     if other.size:
         raise AmbiguousFormatError(
             f"{where}: line {int(lines[other[0]])}: {texts[other[0]]!r} stands among times of which only some "
@@ -339,7 +370,7 @@ def moments(
         )
     start = texts[own[0]].strip('"')
     if dated[0]:
-        whole_days, start = _days(on, own, clock - offset, lines, where)
+        whole_days, start = _days(on, rows, clock - offset, lines[rows], where)
         ns = whole_days * _DAY
     if timed[0]:
         if (forms != forms[0]).any():
@@ -354,10 +385,10 @@ def moments(
         ns = ns + clock - offset
         if dated[0]:
             found = _MOMENT.fullmatch(texts[own[0]].strip('"'))
-            zone = "" if found is None else found["zone"] or ""
+            zone = "" if found is None else found["zone"] or found["b_zone"] or ""
             start = " or ".join(f"{day}T{_iso(clock[0])}{zone}" for day in start.split(" or "))
     seconds = np.full(len(lines), np.nan)
-    seconds[own] = (ns - ns[0]) * 1e-9
+    seconds[rows] = (ns - ns[0]) * 1e-9
     kind = "moment" if dated[0] and timed[0] else "date" if dated[0] else "clock"
     return Moments(kind, seconds, start)
 
@@ -373,7 +404,7 @@ class RunningClock:
         self._first: int | None = None
         self._last = self._days = 0
         self._form: tuple[bool, int, bool] | None = None
-        self._date: NDArray[np.int64] | None = None  # the last one of the part before
+        self._date: NDArray[np.int32] | None = None  # the last one of the part before
 
     def seconds(
         self, texts: Sequence[str], lines: NDArray[np.int64], days: Sequence[str] | None = None
@@ -429,7 +460,7 @@ class RunningClock:
         entries: Entries,
         rows: NDArray[np.intp],
         texts: Sequence[str],
-        before: NDArray[np.int64] | None,
+        before: NDArray[np.int32] | None,
     ) -> list[tuple[NDArray[np.bool_], Sequence[str], str]]:
         """Return for each reason which rows it holds for."""
         date = entries.date[:, rows]
@@ -454,7 +485,7 @@ class RunningClock:
 
 
 def _day_numbers(
-    year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int64]
+    year: NDArray[np.integer], month: NDArray[np.integer], day: NDArray[np.integer]
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Return the days since 1970, and which dates there are: no 31 February.
 
@@ -477,7 +508,7 @@ def _day_numbers(
 
 def _days(
     entries: Entries,
-    rows: NDArray[np.intp],
+    rows: NDArray[np.intp] | slice,
     clock: NDArray[np.int64],
     lines: NDArray[np.int64],
     where: str,
@@ -496,9 +527,8 @@ def _days(
     numbered = [_day_numbers(*order) for order in orders]
     readings = [numbers for numbers, is_date in numbered if is_date.all()]
     if not readings:
-        i = int(rows[np.argmin(numbered[0][1])])
         raise AmbiguousFormatError(
-            f"{where}: line {int(lines[i])}: no order of day, month and year fits all dates (of the years "
+            f"{where}: line {int(lines[np.argmin(numbered[0][1])])}: no order of day, month and year fits all dates (of the years "
             f"{_FIRST_YEAR} to {_LAST_YEAR}); write them as yyyy-mm-dd, or give sampling_rate="
         )
     first = readings[0]
@@ -506,7 +536,7 @@ def _days(
         likely = [r for r in readings if _is_even(r * _DAY + clock)]
         if len(likely) != 1:
             raise AmbiguousFormatError(
-                f"{where}: line {int(lines[rows[0]])}: the dates may be day/month or month/day, or begin with the "
+                f"{where}: line {int(lines[0])}: the dates may be day/month or month/day, or begin with the "
                 "year, and more than one order gives steps of time; write them as yyyy-mm-dd, or give "
                 "sampling_rate="
             )

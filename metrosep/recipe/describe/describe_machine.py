@@ -44,12 +44,14 @@ def sensitivity_of(produced: Any, inputs: Any = None) -> Description:
         frame = produced.zernike().reset_index()
         tables["zernike"] = {str(k): frame[k].tolist() for k in frame.columns}
     groups = [", ".join(g) for g in produced.groups]
-    messages = [f"{g}: one part cannot tell these terms apart" for g in groups]
+    messages = [f"{g}: one part cannot distinguish these terms" for g in groups]
     messages += [
         f"without {' + '.join(n for s in steps for n in s.names)} the expected Sq is "
         f"{1e9 * steps[-1].sq:.4g} nm"
         for steps in (produced.pareto()[1 : k + 1] for k in (1, 2, 3))
-        if steps and produced.visible
+        if steps
+        and produced.visible
+        and all(s.sq > 0.0 for s in steps[:-1])  # else nothing is left to take
     ]
     messages += [
         f"{', '.join(names)}: not visible on this part ({why}), so omitted from the list"

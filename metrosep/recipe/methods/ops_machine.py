@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,11 +11,12 @@ from metrosep.core.errors import DataError, UnitError
 from metrosep.core.methods import Method
 from metrosep.core.options import Option
 from metrosep.core.provenance import Step
+from metrosep.core.readable import did_you_mean
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_quantity
 from metrosep.recipe.schema import file_of_curve
 
-__all__ = ["CENTRE", "MACHINE", "PartCurves", "form_of", "machine_of", "one_map"]
+__all__ = ["CENTRE", "MACHINE", "PRESET_NEEDS", "PartCurves", "form_of", "machine_of", "one_map"]
 
 
 def form_of(text: str) -> Any:
@@ -28,6 +28,13 @@ def form_of(text: str) -> Any:
     if missing:
         raise DataError(f'form = "{text}" has no value for {", ".join(missing)}; give all of them')
     return form
+
+
+PRESET_NEEDS = {
+    "fts_lathe": ("radius", "20 mm", "radius of the part"),
+    "five_axis": ("pivot_height", "80 mm", "height of its table"),
+}
+"""Key without which a preset is not a machine, with an example and what it is."""
 
 
 def machine_of(options: dict[str, Any], radius: float | None) -> Any:
@@ -47,21 +54,18 @@ def machine_of(options: dict[str, Any], radius: float | None) -> Any:
             )
         return Chain.from_toml(name)
     if name not in presets():
-        near = difflib.get_close_matches(name, presets(), n=1)
-        hint = f"; did you mean {near[0]}?" if near else ""
         raise DataError(
             f"machine = {name!r} is neither a file of TOML nor a preset; presets are "
-            f"{', '.join(presets())}{hint}"
+            f"{', '.join(presets())}.{did_you_mean(name, presets())}"
         )
     parameters: dict[str, Any] = {}
     if name == "fts_lathe":
         parameters["radius"] = radius if own is None else own
-        if parameters["radius"] is None:
-            raise DataError('fts_lathe needs the radius of the part: radius = "20 mm"')
-    if name == "five_axis" and height is None:
-        raise DataError('five_axis needs the height of its table: pivot_height = "80 mm"')
-    if height is not None:
+    if height is not None or name == "five_axis":
         parameters["pivot_height"] = height
+    key, example, what = PRESET_NEEDS.get(name, ("", "", ""))
+    if key and parameters[key] is None:
+        raise DataError(f'{name} needs the {what}: {key} = "{example}"')
     if errors is not None:
         parameters["spindle_errors"] = errors
     return presets(name, **parameters)

@@ -209,7 +209,8 @@ class ThermalLearnt(Method):
     @classmethod
     def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> ThermalResult:
         """Return what the step makes."""
-        from metrosep.machine import fit_thermal
+        from metrosep.machine.terms import is_angle
+        from metrosep.machine.thermal import fit_thermal, names_a_motion
 
         rest = dict(options)
         sensors = _by_name(data, "temperatures")
@@ -223,6 +224,13 @@ class ThermalLearnt(Method):
             )
         terms = {k: _placed(k, v) for k, v in rest.pop("terms", {}).items()} or None
         at = {k: quantity(v, f"at {k}", "temperature") for k, v in rest.pop("at", {}).items()}
+        named = {n: n for n in lengths if names_a_motion(n)} if terms is None else terms
+        for name, place in named.items():  # before the fit, which takes its time
+            term = place if isinstance(place, str) else place[0]
+            if name in lengths and is_angle(term):
+                raise DataError(
+                    f"{name} is a length by its unit, and {term} is not; name another term"
+                )
         fit = fit_thermal(
             data.values["time"],
             sensors,
@@ -231,13 +239,6 @@ class ThermalLearnt(Method):
             angular=tuple(angles),
             **rest,
         )
-        for name, term in fit.terms.items():
-            is_length = name in lengths
-            if (term.unit == "m") != is_length:
-                raise DataError(
-                    f"{name} is {'a length' if is_length else 'an angle'} by its unit, and {term.term} is "
-                    "not; name another term"
-                )
         return ThermalResult(fit, fit.errors(at) if at else None, at)
 
 

@@ -9,7 +9,6 @@ recipe with these values in its text (`metrosep.recipe.written.overrides`).
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import re
@@ -24,6 +23,7 @@ from typing import Any
 
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.options import checked
+from metrosep.core.readable import did_you_mean
 from metrosep.recipe.schema import BATCH, Field
 from metrosep.recipe.steps import (
     CHECK,
@@ -54,7 +54,6 @@ __all__ = [
     "NAMED_BY",
     "Override",
     "input_fields_of",
-    "near",
     "number_of",
     "put",
     "toml_text",
@@ -172,7 +171,7 @@ def _resolved(
     top, rest = parts[0], parts[1:]
     if top not in _TOPS:
         raise override.error(
-            f'unknown key "{top}"; what can be set: {", ".join(_TOPS)}.{near(top, _TOPS)}'
+            f'unknown key "{top}"; what can be set: {", ".join(_TOPS)}.{did_you_mean(top, _TOPS)}'
         )
     if top == "title":
         if rest:
@@ -245,7 +244,7 @@ def _field(
     if fields is not None and key not in fields:
         known = ", ".join(fields)
         raise override.error(
-            f'unknown key "{key}" in {what}; known: {known}.{near(key, list(fields))}'
+            f'unknown key "{key}" in {what}; known: {known}.{did_you_mean(key, list(fields))}'
         )
     found = _ANY if fields is None else fields[key]
     field = found
@@ -373,7 +372,7 @@ def number_of(
         raise override.error(f"{top} {_short(rest[0])} is ambiguous; it is {what}; {way}")
     if found:
         return next(iter(found))
-    proposed = near(rest[0], [name for each in labels for name in each.values()])
+    proposed = did_you_mean(rest[0], [name for each in labels for name in each.values()])
     raise override.error(
         f"there is no {top} {_short(rest[0])}; {there}; -s changes what is there and adds no {top}."
         f"{proposed}"
@@ -426,12 +425,6 @@ def _shown(name: str) -> str:
 def _listed(texts: Sequence[str], word: str) -> str:
     """Return texts as a sentence lists them: ``a, b or c``."""
     return f" {word} ".join([t for t in (", ".join(texts[:-1]), texts[-1]) if t])
-
-
-def near(word: str, known: Sequence[str]) -> str:
-    """Return the question whether another word was meant."""
-    found = difflib.get_close_matches(word, known, n=1) if len(word) <= _LONGEST else []
-    return f' Did you mean "{found[0]}"?' if found else ""
 
 
 # ---- a key of a recipe changed in its text: comments, order and the numbers of the lines stay ----

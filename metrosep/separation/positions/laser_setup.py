@@ -7,7 +7,6 @@ sources in quadrature (JCGM 100, 5.1 and 5.2).
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -22,7 +21,7 @@ from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import choice, real
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.provenance import freeze_mapping
-from metrosep.core.readable import typed_number
+from metrosep.core.readable import did_you_mean, typed_number
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length, parse_quantity
 from metrosep.optics.air import AirIndex, air_index
@@ -84,9 +83,7 @@ class LaserSetup:
         given: dict[str, Any] = {}
         for name, value in options.items():
             if name not in SETUP:
-                near = difflib.get_close_matches(name, SETUP, n=1)
-                hint = f" Did you mean {near[0]}?" if near else ""
-                raise OptionError(f"a laser set-up has no {name!r}.{hint}")
+                raise OptionError(f"a laser set-up has no {name!r}.{did_you_mean(name, SETUP)}")
             if value is not None:
                 given[name] = checked(SETUP[name], value, name)
         self.options = freeze_mapping(given)
@@ -397,13 +394,13 @@ def _require_kind(run: Run, values: str, name: str) -> None:
         raise InvalidSamplesError(
             f"the readings of run {name} look like positions, not like errors: they change by {slope:.4g} "
             'times the position; say values = "position" in the step laser_setup'
-        )
+        ).hinting(values="position")
     if values == "position" and abs(slope - 1.0) > _LIKE_POSITIONS:
         raise InvalidSamplesError(
             f"the readings of run {name} do not look like positions: they change by {slope:.4g} times the "
             "position, and it must be 1; if they are errors (actual minus nominal) leave values = "
             '"position" out, if they fall while the position rises change the sign of one of them'
-        )
+        ).hinting(values=None)
 
 
 def _column(name: str, values: Any, size: int) -> FloatArray:

@@ -478,12 +478,12 @@ def _require_kind(
         raise InvalidSamplesError(
             f"the {name} look like deviations, not like positions reached: {sizes}; if they are "
             'actual minus target, say values = "deviation", else name the columns of positions'
-        )
+        ).hinting(values="deviation")
     if values == "deviation" and reach > _LARGE * span:
         raise InvalidSamplesError(
             f"the {name} look like positions reached, not like deviations: {sizes}; leave "
             'values = "deviation" out'
-        )
+        ).hinting(values=None)
 
 
 def _range(values: FloatArray) -> float:

@@ -182,11 +182,14 @@ class PositioningTest(StoredResult, Mapping[str, Quantity]):
         return {**self.table.to_dict(), **plain(rest)}
 
     def __repr__(self) -> str:
+        return repr(self.table).replace("ParameterTable", "PositioningTest", 1)
+
+    def __str__(self) -> str:
         unit = str(self.audit.get("unit", "m"))
         low, high = (format_engineering(v, unit) for v in self.R_interval)
         tail = [f"  {100 * self.confidence:g} % interval of R_unbiased: {low} ... {high}"]
         tail += [f"  {m}" for m in self.messages]
-        return "\n".join([repr(self.table).replace("ParameterTable", "PositioningTest", 1), *tail])
+        return "\n".join([repr(self), *tail])
 
 
 def _counts(errors: FloatArray | None, m: int) -> NDArray[np.intp]:

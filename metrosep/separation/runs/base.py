@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import quantity
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping, history_as_dicts
 from metrosep.core.public import PublicObject, shortened
@@ -233,7 +234,7 @@ class ErrorEstimate(PublicObject):
         return total / len(parts) ** 2
 
     def u_of_difference(
-        self, x: ArrayLike, other: float, *, direction: int | None = None
+        self, x: ArrayLike, other: float | str, *, direction: int | None = None
     ) -> FloatArray:
         """Return the standard uncertainty of ``evaluate(x) - evaluate(other)``.
 
@@ -257,6 +258,7 @@ class ErrorEstimate(PublicObject):
         DataError
             As `covariance` does.
         """
+        other = quantity(other, "other", "length")
         xs = np.atleast_1d(np.asarray(x, dtype=np.float64)).ravel()
         squares = [np.empty(0)]
         for first in range(0, xs.size, _BLOCK):

@@ -28,6 +28,7 @@ from metrosep.separation.runs.base import (
 )
 from metrosep.separation.runs.design import evaluation_range, probe_names
 from metrosep.separation.runs.displaced import DISPLACED
+from metrosep.separation.runs.evidence import said_lag
 from metrosep.separation.runs.forensics import Named, RunChecks, check_runs
 from metrosep.separation.runs.fourier import separate_kono
 from metrosep.separation.runs.joint import DRIFT_SAID, GAIN_SAID, separate_joint
@@ -370,7 +371,7 @@ def _lag_sentence(estimate: ErrorEstimate, runs: RunSet, lag: float, u: float) -
         else ""
     )
     return (
-        f"readings lag the position by {lag * 1e3:.2g} ms (u {u * 1e3:.2g} ms){other}: "
+        f"readings {said_lag(lag * 1e3, '.2g')} (u {u * 1e3:.2g} ms){other}: "
         f"method={estimate.method!r} cannot correct it and its uncertainty does not hold it; "
         "method='joint' (command line: --method joint) does"
     )

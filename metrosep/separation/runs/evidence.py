@@ -51,6 +51,7 @@ __all__ = [
     "explain_lag",
     "explain_resolution",
     "noise_peaks",
+    "said_lag",
 ]
 
 _NM, _MM = 1e-9, 1e-3
@@ -544,7 +545,7 @@ def _collision_sentence(
     if len(clean) >= 2:
         *most, last = (f"{v * _MM_PER_MIN:.0f}" for v in clean)
         others = f"{', '.join(most)} and {last}"
-        return f"{sentence}; the runs at {others} mm/min tell it from the geometry"
+        return f"{sentence}; the runs at {others} mm/min distinguish it from the geometry"
     better = _better_feed(frequency, feeds, waves, travel)
     if better is None:
         return f"{sentence}; no other feedrate in this range avoids it: remove the disturbance"
@@ -582,24 +583,30 @@ def explain_lag(
                     "little short-wave content; state the lag instead"
                 ),
             )
-        return (f"readings lag the position by {value:.3f} ms (sd {sd:.3f} ms)",)
+        return (f"readings {said_lag(value, '.3f')} (sd {sd:.3f} ms)",)
     if test is None or test.chi2 <= LAG_CHI2:
         return ()
     if mode == "auto":
         return (
             (
-                f"readings lag the position by {test.lag * 1e3:.3g} ms (u {test.u * 1e3:.2g} ms), weight "
+                f"readings {said_lag(test.lag * 1e3)} (u {test.u * 1e3:.2g} ms), weight "
                 f"{test.probability:.2f}: found by lag='auto' and corrected; its split into delay and time "
                 'constant is not known; lag=0.0 (command line: --lag "0 ms") leaves it in'
             ),
         )
     return (
         (
-            f"readings lag the position by {value + test.lag * 1e3:.3g} ms (u {test.u * 1e3:.2g} ms), "
+            f"readings {said_lag(value + test.lag * 1e3)} (u {test.u * 1e3:.2g} ms), "
             f"{value:.3g} ms was stated: not corrected, and the uncertainty does not hold it; "
             "lag='auto' (command line: --lag auto) corrects it"
         ),
     )
+
+
+def said_lag(lag_ms: float, digits: str = ".3g") -> str:
+    """Return how a lag is said; a negative one is readings that come before their position."""
+    way = "lead" if lag_ms < 0.0 else "lag"
+    return f"{way} the position by {abs(lag_ms):{digits}} ms"
 
 
 _SURELY = 0.99

@@ -203,10 +203,11 @@ def seen_through(gram: FloatArray, factors: ComplexArray) -> FloatArray:
 def _turn(columns: FloatArray, factors: ComplexArray) -> None:
     # (a - i b)(c + i s) = (a c + b s) - i (b c - a s), in real numbers: half of the work
     n = factors.size
-    c, s = (p.reshape(n, *[1] * (columns.ndim - 1)) for p in (factors.real, factors.imag))
+    shape = (n, *[1] * (columns.ndim - 1))
+    c, s = (np.ascontiguousarray(p).reshape(shape) for p in (factors.real, factors.imag))
     a, b = columns[1 : n + 1], columns[n + 1 : 2 * n + 1]
-    turned = b * c - a * s
+    taken = a * s
     a *= c
-    b *= s
-    a += b
-    b[...] = turned
+    a += b * s
+    b *= c
+    b -= taken

@@ -191,7 +191,7 @@ def separate_joint(
     )
     solution, prepared, offsets = _at_their_places(prepared, solve, options)
     terms, sentences = report_terms(solution, prepared, runs, options)
-    part, slope, level = joint_curves(solution, (first, last), (low, high))
+    part, slope, level, plain = joint_curves(solution, (first, last), (low, high))
     curve, uncertainty = part.error, part.uncertainty
     if parts:
         slope = Quantity(slope.value, slope.unit, slope.definition + _SLOPE_OF_PARTS)
@@ -251,9 +251,7 @@ def separate_joint(
             if unsteady
             else contradictions(spectrum, evidence, curve, span=(first, last), noise_nm=band / _NM)
         ),
-        *explain_band(
-            solution, band=band, plain=_plain_band(solution, (first, last), (low, high))
-        ),
+        *explain_band(solution, band=band, plain=plain),
     )
     if solution.scores:
         terms = {**terms, "leave_one_out": left_out_columns(solution, prepared, (low, high))}
@@ -307,14 +305,6 @@ def _at_their_places(
                 scatter = max(float(np.var(total, ddof=1)) - float(np.mean(u**2)), 0.0)
                 solution = solution.displaced_by(scatter / len(total))
             return solution, placed, (total, u)
-
-
-def _plain_band(
-    solution: Solution, evaluation: tuple[float, float], travel: tuple[float, float]
-) -> float:
-    """Return the RMS uncertainty without what the uncertain prior adds."""
-    projected = _projected(solution, evaluation, travel)[1]
-    return float(np.sqrt(np.mean(_variance(projected, solution.plain_covariance))))
 
 
 def _check_feeds(runs: RunSet, *, min_feeds: int, fit_lag: bool) -> None:
@@ -395,8 +385,11 @@ def _n_harmonics(
 
 def joint_curves(
     solution: Solution, evaluation: tuple[float, float], travel: tuple[float, float]
-) -> tuple[DirectionEstimate, Quantity, float]:
-    """Return curve with covariance, slope and level; the line over the evaluation range is removed."""
+) -> tuple[DirectionEstimate, Quantity, float, float]:
+    """Return curve with covariance, slope, level, and the RMS u without what the prior leaves open.
+
+    The line over the evaluation range is removed.
+    """
     k = solution.n_harmonics
     grid, projected, to_line = _projected(solution, evaluation, travel)
     mid, half = float(np.mean(evaluation)), (evaluation[1] - evaluation[0]) / 2.0
@@ -427,7 +420,8 @@ def joint_curves(
         SampledCurve(grid, np.sqrt(_variance(projected, solution.covariance))),
         modes=CovarianceModes.of(grid, projected, solution.covariance),
     )
-    return part, alignment, float(offset)
+    plain = math.sqrt(float(np.mean(_variance(projected, solution.plain_covariance))))
+    return part, alignment, float(offset), plain
 
 
 def _projected(
@@ -445,8 +439,9 @@ def _projected(
         return np.column_stack([x - solution.centre, waves])
 
     mid, half = np.mean(evaluation), (evaluation[1] - evaluation[0]) / 2.0
-    line = np.column_stack([np.ones(inner.size), (inner - mid) / half])
-    to_line = np.linalg.lstsq(line, functions(inner), rcond=None)[0]
+    along = (inner - mid) / half  # of mean zero: level and slope are found apart
+    to_line = np.vstack([np.full(inner.size, 1.0 / inner.size), along / (along @ along)])
+    to_line = to_line @ functions(inner)
     levels = np.column_stack([np.ones(n_grid), (grid - mid) / half]) @ to_line
     return grid, np.asarray(functions(grid) - levels), np.asarray(to_line)
 

@@ -16,7 +16,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.units import format_length
 from metrosep.separation.runs.displaced import DISPLACED
 from metrosep.separation.runs.geometry import filtered
-from metrosep.separation.runs.posterior import Model, Posterior, RunEquations
+from metrosep.separation.runs.posterior import PLACED, Model, Posterior, RunEquations
 from metrosep.separation.runs.sensor import LAG_CHI2, lag_score, lag_steps
 
 __all__ = ["Displacement", "RunScore", "displacement", "run_scores", "suspicion"]
@@ -70,20 +70,28 @@ class RunScore:
     shift: float  # m: the readings show the error of the place x - shift
     u_shift: float
     theta: FloatArray  # what the others predict, in the coordinates of the equations
+    chi2_placed: float = math.inf  # as chi2, the prediction moved by the shift
 
 
 _DISPLACED = np.geomspace(1e-6, 1e-3, 61)
 """m; standard deviations of the places of the runs that are as likely before, together as none."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Displacement:
     """What the runs of each feedrate differ in their place along the axis by."""
 
-    sd: float = 0.0  # m: of one run
+    sd: float = 0.0  # m: of one run, the root of the mean variance
     probability: float = 0.0  # that the places differ at all
     of_mean: float = 0.0  # m^2: variance of the place of the mean of all runs
-    of_lag: float = 0.0  # s^2: variance of the lag that the feedrates seem to show
+    # s^2: variances of the lag that the feedrates seem to show, and the chance of each
+    lags: tuple[FloatArray, FloatArray] = PLACED
+
+    @property
+    def of_lag(self) -> float:
+        """Mean variance of that lag, s^2."""
+        variances, chances = self.lags
+        return float(chances @ variances)
 
 
 def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
@@ -98,10 +106,10 @@ def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
     variance = np.array([s.u_shift for s in scores]) ** 2
     speed = np.array([run.velocity for run in model.runs])
     feed = np.array([run.feed for run in model.runs])
-    # One run that is far off and named for it is no scatter of all.
+    # One run that is far off, or of another sign or gain, is named for it: its place is no scatter of all.
     kept = np.ones(len(scores), dtype=bool)
     odd = suspicion(scores)
-    if odd is not None and odd[1].startswith(DISPLACED):
+    if odd is not None:
         kept[odd[0]] = False
     groups = [kept & (feed == f) for f in np.unique(feed) if (kept & (feed == f)).sum() > 1]
     if not groups:
@@ -118,20 +126,25 @@ def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
             total += 0.5 * float(np.log(w).sum() - math.log(w.sum()) - w @ away**2)
         return total
 
-    logs = np.array([log_likelihood(sd) for sd in _DISPLACED]) - log_likelihood(0.0)
-    top = max(float(logs.max()), 0.0)
-    likely = np.exp(logs - top)
-    probability = float(likely.mean() / (likely.mean() + math.exp(-top)))
-    sd = math.exp(float(likely @ np.log(_DISPLACED)) / float(likely.sum()))
-    held = probability * sd**2
+    sizes = np.append(0.0, _DISPLACED)
+    logs = np.array([log_likelihood(sd) for sd in sizes])
+    likely = np.exp(logs - logs.max())
+    whole = float(likely[0] + likely[1:].mean())
+    # What is no likelier than the largest size is not known from the readings, and does not count:
+    # of places that hardly show the mean variance would be that of the largest.
+    known = np.maximum(likely[1:] - likely[-1], 0.0) / _DISPLACED.size / whole
+    chances = np.append(1.0 - known.sum(), known)
+    # Of few runs the sd is known badly: what is held is the mean variance, and the lag keeps them all.
+    held = float(chances @ sizes**2)
     weight = 1.0 / variance
     away = speed - float(weight @ speed) / float(weight.sum())
     along = float(weight @ away**2)
+    of_one = float((weight * away) @ (weight * away)) / along**2 if along > 0.0 else 0.0
     return Displacement(
-        sd,
-        probability,
+        math.sqrt(held / max(float(known.sum()), 1e-300)),
+        1.0 - float(likely[0]) / whole,
         of_mean=held * float(weight @ weight) / float(weight.sum()) ** 2,
-        of_lag=held * float((weight * away) @ (weight * away)) / along**2 if along > 0.0 else 0.0,
+        lags=(of_one * sizes**2, chances),
     )
 
 
@@ -191,10 +204,12 @@ def suspicion(scores: Sequence[RunScore]) -> tuple[int, str] | None:
         if seen and shift > 1.0 and abs(s.shift) < _FAR:
             text = f"{DISPLACED} {format_length(s.shift)} (u {format_length(s.u_shift, digits=2)})"
             found.append((shift, i, text))
-        chance = float(chi2.sf(s.chi2 / typical * s.degrees, s.degrees)) * len(scores)
-        if s.chi2 > _MISFIT * typical and chance < _RARE:
-            text = f"differs by {math.sqrt(s.chi2):.2g} times what the noise explains"
-            found.append((math.sqrt(s.chi2 / _MISFIT / typical), i, text))
+        # What lies elsewhere is named for its place, and where all do none is.
+        misfit = min(s.chi2, s.chi2_placed)
+        chance = float(chi2.sf(misfit / typical * s.degrees, s.degrees)) * len(scores)
+        if misfit > _MISFIT * typical and chance < _RARE:
+            text = f"differs by {math.sqrt(misfit):.2g} times what the noise explains"
+            found.append((math.sqrt(misfit / _MISFIT / typical), i, text))
     if not found:
         return None
     _, i, text = max(found)
@@ -242,8 +257,10 @@ def _score(model: Model, run: RunEquations, without: RunEquations | None = None)
     _, u_shift = step(
         _waves_only(filtered(curve, np.asarray(-1j * w * np.exp(-1j * w * shift))), w.size)
     )
-    misfit, degrees = _misfit(rest, gram, side, noise)
-    return RunScore(misfit, degrees, 1.0 + gain, u_gain, shift, u_shift, rest.theta)
+    moved = filtered(curve, np.exp(-1j * w * shift)) - curve
+    misfits, degrees = _misfits(rest, gram, np.column_stack([side, side - gram @ moved]), noise)
+    here, placed = misfits.tolist()
+    return RunScore(here, degrees, 1.0 + gain, u_gain, shift, u_shift, rest.theta, placed)
 
 
 def _noise(model: Model, gram: FloatArray, side: FloatArray) -> float:
@@ -259,9 +276,9 @@ def _noise(model: Model, gram: FloatArray, side: FloatArray) -> float:
     return float(np.mean(side[1 : 1 + 2 * n][unseen] ** 2 / own[unseen]))
 
 
-def _misfit(
-    rest: Posterior, gram: FloatArray, side: FloatArray, noise: float
-) -> tuple[float, int]:
+def _misfits(
+    rest: Posterior, gram: FloatArray, sides: FloatArray, noise: float
+) -> tuple[FloatArray, int]:
     """Return chi-square per degree of freedom on the columns in use, and their number (eq. 15)."""
     across = rest.along(gram)
     own = rest.along(across.T)
@@ -269,8 +286,8 @@ def _misfit(
     variance = noise * own + half @ half.T
     values, vectors = np.linalg.eigh(0.5 * (variance + variance.T))
     seen = values > _EDGE * values[-1]
-    along = vectors[:, seen].T @ rest.along(side)
-    return float(np.mean(along**2 / values[seen])), int(seen.sum())
+    along = vectors[:, seen].T @ rest.along(sides)
+    return np.asarray(np.mean(along**2 / values[seen, None], axis=0)), int(seen.sum())
 
 
 def _shift(

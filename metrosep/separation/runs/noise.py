@@ -45,7 +45,7 @@ LEAST = 1e-8
 error, which is what the basis leaves of it. A line without any noise would otherwise be predicted
 without end, and the error with it."""
 
-_BLOCK = 128
+_BLOCK = 64
 """Rows that one banded product whitens."""
 
 
@@ -80,19 +80,23 @@ def white(variance: float, time_step: float) -> NoiseModel:
 
 def burg(sequences: Sequence[FloatArray], order: int) -> tuple[tuple[FloatArray, ...], FloatArray]:
     """Return filters and variances of order 0 ... `order`, pooled over sequences or columns of them."""
-    forward = [np.asarray(s, dtype=np.float64) for s in sequences]
-    backward = list(forward)
-    size = sum(s.size for s in forward)
-    variance = sum(float(np.vdot(s, s)) for s in forward) / max(size, 1)
+    sizes = np.array([len(s) for s in sequences])
+    starts = np.cumsum(sizes) - sizes
+    forward = np.concatenate([np.asarray(s, dtype=np.float64) for s in sequences])
+    backward = forward.copy()
+    variance = float(np.vdot(forward, forward)) / max(forward.size, 1)
     filters, variances = [np.ones(1)], [max(variance, 1e-300)]
-    for _ in range(order):
-        f = [s[1:] for s in forward]
-        b = [s[:-1] for s in backward]
-        top = sum(float(np.vdot(p, q)) for p, q in zip(f, b, strict=True))
-        bottom = sum(float(np.vdot(p, p) + np.vdot(q, q)) for p, q in zip(f, b, strict=True))
+    for i in range(order):
+        # Row j of both is sample j + i + 1 of all; what a sequence would take from the one before is 0.
+        f, b = forward[i + 1 :], backward[: len(backward) - i - 1]
+        f[starts[(starts > 0) & (sizes > i)] - 1] = 0.0
+        b[starts[starts > i] - i - 1] = 0.0
+        top = float(np.vdot(f, b))
+        bottom = float(np.vdot(f, f) + np.vdot(b, b))
         k = -2.0 * top / bottom if bottom > 0.0 else 0.0
-        forward = [p + k * q for p, q in zip(f, b, strict=True)]
-        backward = [q + k * p for p, q in zip(f, b, strict=True)]
+        more = k * f
+        f += k * b
+        b += more
         last = np.append(filters[-1], 0.0)
         filters.append(last + k * last[::-1])
         variances.append(max(variances[-1] * (1.0 - k * k), 1e-300))
@@ -140,29 +144,34 @@ def level_spread(cycles: FloatArray, n_runs: int) -> FloatArray:
     return np.asarray(1.0 + WITNESS / np.maximum(degrees, 1e-9))
 
 
-def exact_rows(table: FloatArray, model: NoiseModel, parts: Sequence[slice]) -> FloatArray:
-    """Return the whitened rows of unbroken stretches of a table, unit variance (eq. 4)."""
+def exact_rows(
+    tables: Sequence[FloatArray], model: NoiseModel, parts: Sequence[slice]
+) -> FloatArray:
+    """Return the whitened rows of unbroken stretches of tables side by side, unit variance (eq. 4)."""
     p = model.order
-    out = np.empty((sum(part.stop - part.start for part in parts), table.shape[1]))
-    at = 0
+    widths = np.cumsum([0, *(t.shape[1] for t in tables)])
+    out = np.empty((sum(part.stop - part.start for part in parts), widths[-1]))
     full = model.filters[-1][::-1] / math.sqrt(model.variance)
     band = np.zeros((_BLOCK, _BLOCK + p))
     for row in range(_BLOCK):
         band[row, row : row + p + 1] = full
-    for part in parts:
-        piece = table[part]
-        n = piece.shape[0]
-        head = min(p, n)
-        lower = np.zeros((head, head))
-        for i in range(head):
-            lower[i, : i + 1] = model.filters[i][::-1] / math.sqrt(model.variances[i])
-        out[at : at + head] = lower @ piece[:head]
-        for first in range(p, n, _BLOCK):
-            size = min(_BLOCK, n - first)
-            np.matmul(
-                band[:size, : size + p],
-                piece[first - p : first + size],
-                out=out[at + first : at + first + size],
-            )
-        at += n
+    lower = np.zeros((p, p))
+    for i in range(p):
+        lower[i, : i + 1] = model.filters[i][::-1] / math.sqrt(model.variances[i])
+    for table, left, right in zip(tables, widths[:-1], widths[1:], strict=True):
+        rows, at = out[:, left:right], 0
+        for part in parts:
+            piece = table[part]
+            n = piece.shape[0]
+            head = min(p, n)
+            rows[at : at + head] = lower[:head, :head] @ piece[:head]
+            for first in range(p, n, _BLOCK):
+                last = min(first + _BLOCK, n)
+                size = last - first
+                np.matmul(
+                    band[:size, : size + p],
+                    piece[first - p : last],
+                    out=rows[at + first : at + last],
+                )
+            at += n
     return out

@@ -25,7 +25,7 @@ from metrosep.separation.runs.geometry import (
 )
 from metrosep.separation.runs.noise import level_spread
 
-__all__ = ["Answer", "Model", "Posterior", "RunEquations", "Wave", "averaged"]
+__all__ = ["PLACED", "Answer", "Model", "Posterior", "RunEquations", "Wave", "averaged"]
 
 _DONE = 0.03
 """A learning ends when no knot of ln s^2 moves by more."""
@@ -35,6 +35,9 @@ _CAP = 4.0
 
 _REPEATS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Amplitudes that repeat, over that which slips, where a wave slips: as likely before."""
+
+PLACED = (np.zeros(1), np.ones(1))
+"""Variances of a lag, and their chances, where no run is displaced."""
 
 SHIFT_SHARE = 0.25
 """Prior standard deviation of a correction of a wavenumber, over one per travel."""
@@ -81,6 +84,21 @@ def _sum(runs: Sequence[RunEquations]) -> RunEquations:
     return replace(runs[0], gram=gram, right=right, velocity=velocity)
 
 
+_Equations = tuple[FloatArray, FloatArray, IntArray, list[FloatArray]]
+
+
+def _same(asked: _Equations, solved: _Equations | None) -> bool:
+    """Return whether matrix, prior, coordinates in use and columns of the waves are the same."""
+    return (
+        solved is not None
+        and asked[0] is solved[0]
+        and np.array_equal(asked[1], solved[1])
+        and np.array_equal(asked[2], solved[2])
+        and len(asked[3]) == len(solved[3])
+        and all(a is b for a, b in zip(asked[3], solved[3], strict=True))
+    )
+
+
 def _check_factor(info: int) -> None:
     """Refuse equations whose matrix has no Cholesky factor."""
     if info != 0:
@@ -88,6 +106,23 @@ def _check_factor(info: int) -> None:
             "the runs do not determine the model: two runs or wavelengths are "
             "indistinguishable; ask for longer wavelengths (shortest=) or add runs"
         )
+
+
+_BLOCK = 96
+"""Rows of a triangle that are inverted at once; that of the library takes half as long again."""
+
+
+def _inverse(lower: FloatArray) -> FloatArray:
+    """Return the inverse of a lower triangle, in its place: block columns, the last one first."""
+    from scipy.linalg.lapack import dtrtri
+
+    for first in reversed(range(0, len(lower), _BLOCK)):
+        own = slice(first, first + _BLOCK)
+        rest = slice(first + _BLOCK, None)
+        corner = dtrtri(lower[own, own], lower=1)[0]
+        lower[rest, own] = -lower[rest, rest] @ (lower[rest, own] @ corner)
+        lower[own, own] = corner
+    return lower
 
 
 @dataclass(slots=True, eq=False)
@@ -110,6 +145,8 @@ class Posterior:
     root: FloatArray  # shape (n, n): covariance = root @ root.T
     evidence: float  # ln evidence, but for a term that does not depend on the prior
     _spread: FloatArray | None = None
+    _full_root: FloatArray | None = None
+    _covariance: FloatArray | None = None
 
     @property
     def theta(self) -> FloatArray:
@@ -129,10 +166,20 @@ class Posterior:
         own = columns[self.used]
         return np.concatenate([own, self.waves.T @ columns]) if self.waves.shape[1] else own
 
+    def seen_by(self, columns: FloatArray) -> FloatArray:
+        """Return root' times what columns of the coordinates, shape (N, k), are on those in use."""
+        from scipy.linalg.blas import dtrmm
+
+        own = self.along(columns)
+        # the root is the transpose of a lower triangle
+        return np.asarray(dtrmm(1.0, self.root.T, own.T, side=1, lower=1, trans_a=1).T)
+
     @property
     def full_root(self) -> FloatArray:
         """Root of the covariance in all coordinates, shape (N, n)."""
-        return self.expanded(self.root)
+        if self._full_root is None:
+            self._full_root = self.expanded(self.root)
+        return self._full_root
 
     @property
     def spread(self) -> FloatArray:
@@ -143,8 +190,9 @@ class Posterior:
 
     def covariance(self) -> FloatArray:
         """Return the covariance in the coordinates of the run equations."""
-        root = self.full_root
-        return np.asarray(root @ root.T)
+        if self._covariance is None:
+            self._covariance = self.full_root @ self.full_root.T
+        return self._covariance
 
     def draws(self, n: int, seed: int) -> FloatArray:
         """Return draws whose mean is the mean, shape (N, n)."""
@@ -174,12 +222,23 @@ class Model:
     by_speed: list[RunEquations] = field(default_factory=list)
     total: tuple[FloatArray, FloatArray] = field(default_factory=lambda: (np.empty(0),) * 2)
     post: Posterior | None = None
-    lag_variance: float = 0.0  # s^2: of a lag, because the runs are displaced, each by its own
+    # s^2: variances of a lag because the runs are displaced, each by its own; and their chances
+    lag_variances: tuple[FloatArray, FloatArray] = PLACED
     _seen: list[RunEquations] | None = None
+    # the equations of which `post` is the solution
+    _solved: _Equations | None = None
+    # of the noise models of a sum of all runs, which is the first
+    _roots: tuple[FloatArray, list[FloatArray]] = field(default_factory=lambda: (np.empty(0), []))
 
     def __post_init__(self) -> None:
         self.slip = np.zeros(self.extension.n)
         self.kept = self.extension.n
+
+    @property
+    def lag_variance(self) -> float:
+        """Variance of a lag because the runs are displaced, s^2."""
+        variances, chances = self.lag_variances
+        return float(chances @ variances)
 
     # ---- equations -------------------------------------------------------------------------
 
@@ -281,15 +340,28 @@ class Model:
         return np.concatenate([[self.line_sd**-2], waves, waves, self.extra_precision, *own])
 
     def solve(self) -> Posterior:
-        """Solve for the coefficients (eq. 8)."""
-        self.post = self.solution(*self.total)
+        """Solve for the coefficients (eq. 8), unless the last solution is of the same equations."""
+        asked = (self.total[0], self.precision(), self.used(), [w.columns for w in self.waves])
+        if self.post is None or not _same(asked, self._solved):
+            self.post = self._solution(*self.total, *asked[1:3], self.wave_columns())
+            self._solved = asked
         return self.post
 
     def solution(self, gram: FloatArray, right: FloatArray) -> Posterior:
         """Return the posterior of some equations under the prior at hand (eq. 8)."""
-        from scipy.linalg.lapack import dpotrf, dtrtri
+        return self._solution(gram, right, self.precision(), self.used(), self.wave_columns())
 
-        precision, used, waves = self.precision(), self.used(), self.wave_columns()
+    @staticmethod
+    def _solution(
+        gram: FloatArray,
+        right: FloatArray,
+        precision: FloatArray,
+        used: IntArray,
+        waves: FloatArray,
+    ) -> Posterior:
+        """Return the posterior of equations under a prior, of coordinates in use and waves."""
+        from scipy.linalg.lapack import dpotrf
+
         n = used.size
         matrix = np.empty((precision.size, precision.size))
         if n == gram.shape[0]:
@@ -302,15 +374,12 @@ class Model:
             matrix[:n, n:], matrix[n:, :n] = half[used], half[used].T
             matrix[n:, n:] = waves.T @ half
             side = np.concatenate([side, waves.T @ right])
-        matrix[np.diag_indices_from(matrix)] += precision
-        scale = 1.0 / np.sqrt(np.diag(matrix))
-        matrix *= scale[:, None]
-        matrix *= scale
+        # A Cholesky factor is as exact without its rows and columns being scaled to one size.
+        matrix.ravel()[:: precision.size + 1] += precision
         factor, info = dpotrf(matrix.T, lower=1, clean=1, overwrite_a=1)
         _check_factor(info)
-        logs = 2.0 * float(np.log(np.diag(factor)).sum() - np.log(scale).sum())
-        inverse = dtrtri(factor, lower=1, overwrite_c=1)[0]
-        root = inverse.T * scale[:, None]
+        logs = 2.0 * float(np.log(np.diag(factor)).sum())
+        root = _inverse(factor).T
         mean = root @ (root.T @ side)
         evidence = 0.5 * (float(side @ mean) - logs + float(np.log(precision).sum()))
         return Posterior(mean, used, waves, root, evidence)
@@ -392,18 +461,27 @@ class Model:
         # The error of the solution is C A'n, and A'n has the covariance G = R'R: noise that is
         # greater by some factors F^2 gives R'F^2 R. R is the symmetric root, whose rows stay at their
         # wavelengths and have no part in what no reading shows; F G F would widen that as well.
-        whole = post.full_root @ post.full_root.T
+        whole = post.covariance()
         out = whole.copy()
-        for gram, length in self._by_noise():
-            cycles = length * np.arange(1, self.extension.n + 1) / self.extension.period
-            more = level_spread(np.asarray(cycles), len(self.runs)) - 1.0
-            louder = np.concatenate([more[:1], more, more, np.zeros(self.n_extra)])
-            scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-            values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-            root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T * scale
-            half = (np.sqrt(louder)[:, None] * root) @ whole
+        for root in self._louder():
+            half = root @ whole
             out += half.T @ half
         return np.asarray(out)
+
+    def _louder(self) -> list[FloatArray]:
+        """Return (F^2 - 1)^1/2 R for each noise model."""
+        if self._roots[0] is not self.total[0]:
+            roots = []
+            for gram, length in self._by_noise():
+                cycles = length * np.arange(1, self.extension.n + 1) / self.extension.period
+                more = level_spread(np.asarray(cycles), len(self.runs)) - 1.0
+                louder = np.concatenate([more[:1], more, more, np.zeros(self.n_extra)])
+                scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+                values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+                root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T * scale
+                roots.append(np.sqrt(louder)[:, None] * root)
+            self._roots = self.total[0], roots
+        return self._roots[1]
 
     def _by_noise(self) -> list[tuple[FloatArray, float]]:
         """Return the matrix of the runs of each noise model, as seen, and the length of their travels."""

@@ -170,16 +170,17 @@ def _flat(x: FloatArray, z: FloatArray) -> FloatArray:
     valid = ~np.isnan(z)
     if valid.sum() < 3:
         return np.full_like(z, np.nan)
-    line = np.column_stack([np.ones(x.size), x - x.mean()])
     keep = valid
-    rest = z
-    for _ in range(2):
-        rest = z - line @ np.linalg.lstsq(line[keep], z[keep], rcond=None)[0]
+    while True:
+        xs, zs = x[keep], z[keep]
+        at = xs - xs.mean()
+        slope = float(at @ (zs - zs.mean())) / max(float(at @ at), 1e-300)
+        rest = z - zs.mean() - slope * (x - xs.mean())
         size = np.abs(rest)
-        keep = valid & (size <= 2.0 * SPIKE * MAD * float(np.nanmedian(size)))
-        if keep.sum() < 3:
-            break
-    return rest
+        near = valid & (size <= 2.0 * SPIKE * MAD * float(np.median(size[valid])))
+        if keep is not valid or near.sum() < 3 or near.sum() == valid.sum():
+            return np.asarray(rest)
+        keep = near
 
 
 def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float, float] | None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.separation.runs.geometry import Sensor, filtered
-from metrosep.separation.runs.posterior import Answer, Model
+from metrosep.separation.runs.posterior import PLACED, Answer, Model
 
 __all__ = [
     "LAG_CHI2",
@@ -118,11 +118,11 @@ def lag_score(model: Model) -> LagScore | None:
 
 def lag_steps(model: Model, *, sure: bool = False) -> None:
     """Correct lag and spread by Gauss-Newton steps, the spectrum learnt between them (eq. 21)."""
-    first = lag_score(model)
-    if first is None or (first.u > LAG_PRIOR and not sure):
+    at = lag_score(model)
+    if at is None or (at.u > LAG_PRIOR and not sure):
         return
-    for _ in range(_STEPS):
-        at = lag_score(model)
+    for i in range(_STEPS):
+        at = lag_score(model) if i else at
         if at is None:
             return
         step = np.linalg.solve(at.information, at.gradient)
@@ -174,17 +174,30 @@ def scan_lag(model: Model) -> None:
     model.learn(3, above=0.5)
 
 
-def chance_of_lag(lag: float, u: float, gain: float | None = None) -> float:
+def chance_of_lag(
+    lag: float,
+    u: float,
+    gain: float = math.inf,
+    displaced: tuple[FloatArray, FloatArray] = PLACED,
+) -> float:
     """Return the probability of a lag N(0, LAG_PRIOR^2) against none, both as likely before (22).
 
     `gain` is by how much ln evidence is greater with the lag; where the evidence is a parabola it
-    is lag^2 / (2 u^2), which is taken where it is not given.
+    is lag^2 / (2 u^2), which it is not allowed to exceed. Where the runs lie apart by a size that
+    is not known well, u has as many values as that size, each with its chance.
     """
-    both = u**2 + LAG_PRIOR**2
-    parabola = 0.5 * (lag / u) ** 2
-    gain = parabola if gain is None else min(gain, parabola)
-    odds = 0.5 * math.log(u**2 / both) + gain - 0.5 * lag**2 / both
+    variances, chances = displaced
+    own = u**2 + variances - float(chances @ variances)
+    both = own + LAG_PRIOR**2
+    none = -0.5 * np.log(own) - np.minimum(gain, 0.5 * lag**2 / own)
+    some = -0.5 * np.log(both) - 0.5 * lag**2 / both
+    odds = _log_mean(chances, some) - _log_mean(chances, none)
     return 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
+
+
+def _log_mean(chances: FloatArray, logs: FloatArray) -> float:
+    top = float(logs.max())
+    return top + math.log(float(chances @ np.exp(logs - top)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -157,7 +157,7 @@ def solve_joint(
         scores = run_scores(model)
         # Places that are fitted count once, by what was fitted.
         displaced = Displacement() if options.position_offsets else displacement(model, scores)
-        model.lag_variance = displaced.of_lag
+        model.lag_variances = displaced.lags
         unpredicted = [system.rest(i, model, s.theta) for i, s in enumerate(scores)]
         model.kept = n_harmonics
         _pass(system, model, most=7, order=None, above=1.0)
@@ -335,7 +335,8 @@ def _with_and_without_lag(
         model.learn(4)
     if mode == "stated" or at.u > sensor_room.LAG_PRIOR:  # then nothing is known of a lag
         at = sensor_room.lag_score(model) or at
-        p, chi2 = sensor_room.chance_of_lag(at.lag, at.u), (at.lag / at.u) ** 2
+        p = sensor_room.chance_of_lag(at.lag, at.u, displaced=model.lag_variances)
+        chi2 = (at.lag / at.u) ** 2
         return model.answer(), LagTest(at.lag, at.u, p, chi2, fitted=False)
     none, without = model.answer(), model.state()
     least = model.log_evidence(model.solve())
@@ -350,7 +351,7 @@ def _with_and_without_lag(
     gain = max(model.log_evidence(model.solve()) - least, 0.0)
     one, lag, u = _answer_with_lag(model)
     lag -= stated
-    p = sensor_room.chance_of_lag(lag, u, gain)
+    p = sensor_room.chance_of_lag(lag, u, gain, displaced=model.lag_variances)
     chi2 = min((lag / u) ** 2, 2.0 * gain)
     test = LagTest(lag, u, p, chi2, fitted=True, spread=model.sensor.spread)
     if p < 0.5:  # residuals and noise are shown for the likelier of the two

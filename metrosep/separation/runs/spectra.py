@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import positive
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.runs.design import lines_of_runs, on_common_grid, travel_of
@@ -80,7 +81,9 @@ class FeedSpectra:
         total = (np.abs(self.coefficients) ** 2).sum(axis=0) * self.coefficients.shape[0]
         return np.asarray(np.divide(sums, total, out=np.zeros_like(total), where=total > 0.0))
 
-    def power(self, norm: Norm, length: float, *, averaging: Averaging = "coherent") -> FloatArray:
+    def power(
+        self, norm: Norm, length: float | str, *, averaging: Averaging = "coherent"
+    ) -> FloatArray:
         """Return P(lambda) of each feedrate in one of three normalisations.
 
         Parameters
@@ -97,6 +100,7 @@ class FeedSpectra:
         ndarray, shape (n_feeds, K)
             Spectrum of each feedrate.
         """
+        length = positive(length, "length", dimension="length")
         size = np.abs(self.coefficients)
         if averaging == "power":
             size = np.sqrt([(np.abs(rows) ** 2).mean(axis=0) for rows in self.per_run])

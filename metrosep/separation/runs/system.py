@@ -118,16 +118,13 @@ class System:
             self._bases[index] = basis
         return basis
 
-    def columns(self, index: int, model: Model) -> FloatArray:
-        """Return the columns of one run; the sensor is applied to the equations, not here."""
-        basis = self.basis(index)
-        out = np.empty((basis.shape[0], self.size))
-        out[:, 0] = basis[:, 0] * self.slope_gain[index]
-        out[:, 1 : self.n_basis] = basis[:, 1:] * self.gain[index]
-        out[:, self.extra] = self.terms.columns(index)
-        for j, unknown in enumerate(self.unknowns):
-            out[:, self.extra.stop + j] = unknown.column(self, index, model) * unknown.prior_sd
-        return out
+    def columns(self, index: int, model: Model) -> list[FloatArray]:
+        """Return the columns of one run side by side; the sensor is applied to the equations, not here."""
+        basis, line, gain = self.basis(index), self.slope_gain[index], self.gain[index]
+        if line != 1.0 or gain != 1.0:
+            basis = basis * np.append(line, np.full(basis.shape[1] - 1, gain))
+        own = [(u.column(self, index, model) * u.prior_sd)[:, None] for u in self.unknowns]
+        return [part for part in (basis, self.terms.columns(index), *own) if part.shape[1]]
 
     def curve(self, index: int, theta: FloatArray, sensor: Sensor) -> FloatArray:
         """Return the model of one run without its offset; theta of shape (N,) or (N, draws)."""
@@ -158,12 +155,13 @@ class System:
         for number, (group, noise) in enumerate(zip(self.groups, self.noise, strict=True)):
             for i in group:
                 rows = self.rows(i, noise, self.columns(i, model))
-                columns, y, o = rows[:, :-2], rows[:, -2], rows[:, -1]
-                oo = max(float(o @ o), 1e-300)
-                ao, oy = columns.T @ o, float(o @ y)
+                products = rows.T @ rows  # of the columns, then the readings, then the offset
+                own, y, o = products[:-2, :-2], products[-2], products[-1]
+                oo = max(float(o[-1]), 1e-300)
+                ao, oy = o[:-2], float(o[-2])
                 out[i] = RunEquations(
-                    gram=columns.T @ columns - np.outer(ao, ao) / oo,
-                    right=y @ columns - ao * (oy / oo),
+                    gram=own - np.outer(ao / oo, ao),
+                    right=y[:-2] - ao * (oy / oo),
                     level=ao / oo,
                     level_right=oy / oo,
                     level_information=oo,
@@ -199,7 +197,7 @@ class System:
         score, own, cross = np.zeros(q), np.zeros((q, q)), np.zeros((theta.size, q))
         for group, noise in zip(self.groups, self.noise, strict=True):
             for i in group:
-                rows = self.rows(i, noise, np.hstack([self.columns(i, model), columns_of(i)]))
+                rows = self.rows(i, noise, [*self.columns(i, model), columns_of(i)])
                 o = rows[:, -1]
                 rows = rows[:, :-1] - np.outer(o, o @ rows[:, :-1]) / max(float(o @ o), 1e-300)
                 h = model.sensor.response(self.extension.wavenumbers, self.runs[i].velocity)
@@ -210,22 +208,24 @@ class System:
                 cross += filtered(base.T @ extra, np.conj(h))
         return score, own, cross
 
-    def rows(self, index: int, noise: NoiseModel, columns: FloatArray) -> FloatArray:
+    def rows(self, index: int, noise: NoiseModel, columns: Sequence[FloatArray]) -> FloatArray:
         """Return whitened columns, reading and offset of one run; unknown samples projected out."""
         z = self.z[index]
-        marks = self._marks(index)
-        table = np.column_stack([columns, np.nan_to_num(z), np.ones(z.size), marks])
         parts = self._parts(index)
-        table = exact_rows(table, noise, parts)
+        tables = [*columns, np.column_stack([np.nan_to_num(z), np.ones(z.size)])]
+        rows = exact_rows(tables, noise, parts)
+        unit = exact_rows([self._marks(index)], noise, parts)
         if self.weights is not None and self.weights.weight:
             w = np.concatenate([self.weights.weight[index][part] for part in parts])
-            table *= np.sqrt(w * self.weights.information(index))[:, None]
-        n = columns.shape[1] + 2
-        rows, unit = table[:, :n], table[:, n:]
+            root = np.sqrt(w * self.weights.information(index))[:, None]
+            rows *= root
+            unit *= root
         if unit.shape[1]:
             q, _ = np.linalg.qr(unit)
-            rows = rows - q @ (q.T @ rows)
-        return rows / math.sqrt(self.sharing[0])
+            rows -= q @ (q.T @ rows)
+        if self.sharing[0] != 1.0:
+            rows /= math.sqrt(self.sharing[0])
+        return rows
 
     def _marks(self, index: int) -> FloatArray:
         unknown = self.gaps[index].copy()

@@ -79,8 +79,9 @@ def search(model: Model, given: Sequence[float] = ()) -> None:
         near = [w for w in model.waves if abs(w.wavenumber - 1.0 / length) * ext.travel < 0.5]
         if least <= 1.0 / length <= most and not near:
             _add(model, 1.0 / length)
+    held = model.total[0][:, : len(columns)] @ columns
     while len(model.waves) < _MOST:
-        scores = _scores(model, columns)
+        scores = _scores(model, columns, held)
         for wave in model.waves:  # a wave beside one that is there is the same wave
             scores[np.abs(grid - wave.wavenumber) * ext.travel < 0.5] = 0.0
         best = int(np.argmax(scores))
@@ -89,20 +90,18 @@ def search(model: Model, given: Sequence[float] = ()) -> None:
         _add(model, float(grid[best]))
 
 
-def _scores(model: Model, columns: FloatArray) -> FloatArray:
-    """Return T of every pair of columns (eq. 12)."""
+def _scores(model: Model, columns: FloatArray, held: FloatArray) -> FloatArray:
+    """Return T of every pair of columns W (eq. 12); `held` is G W."""
     post = model.solve()
-    n = columns.shape[0]
+    n = len(columns)
     gram, right = model.total
-    root = post.full_root
-    across = gram[:n] @ root
-    inner = gram[:n, :n] - across @ across.T
-    rest = (right - gram @ post.theta)[:n]
-    q = (columns.T @ rest).reshape(-1, 2)
-    held = inner @ columns
-    even, odd = columns[:, ::2], columns[:, 1::2]
-    aa, bb = (even * held[:, ::2]).sum(axis=0), (odd * held[:, 1::2]).sum(axis=0)
-    ab = (even * held[:, 1::2]).sum(axis=0)
+    q = (columns.T @ (right - gram @ post.theta)[:n]).reshape(-1, 2)
+    seen = post.seen_by(held)
+    aa, bb, ab = (
+        np.einsum("ij,ij->j", columns[:, i::2], held[:n, j::2])
+        - np.einsum("ij,ij->j", seen[:, i::2], seen[:, j::2])
+        for i, j in ((0, 0), (1, 1), (0, 1))
+    )
     det = aa * bb - ab**2
     safe = det > 1e-9 * aa * bb
     top = bb * q[:, 0] ** 2 - 2.0 * ab * q[:, 0] * q[:, 1] + aa * q[:, 1] ** 2

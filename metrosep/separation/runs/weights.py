@@ -143,7 +143,7 @@ def _innovations(residual: FloatArray, model: NoiseModel) -> FloatArray:
     """Return the whitened residual from its first sample on, NaN where not measured."""
     parts = stretches(residual)
     out = np.full(residual.size, np.nan)
-    rows = exact_rows(residual[:, None], model, parts)[:, 0]
+    rows = exact_rows([residual[:, None]], model, parts)[:, 0]
     for part in parts:
         out[part], rows = np.split(rows, [part.stop - part.start])
     return out
@@ -253,7 +253,7 @@ def _replaced(residual: FloatArray, marked: BoolArray, model: NoiseModel) -> Flo
     table = np.zeros((residual.size, 1 + at.size))
     table[:, 0] = residual
     table[at, 1 + np.arange(at.size)] = 1.0
-    rows = exact_rows(table, model, stretches(residual))
+    rows = exact_rows([table], model, stretches(residual))
     out = residual.copy()
     out[at] -= np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0]
     return out
