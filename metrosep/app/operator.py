@@ -24,6 +24,7 @@ from starlette.routing import Route
 from metrosep.app.server import STATIC, Guard, new_cookie, safe_headers
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, MetrosepError, ReadError
+from metrosep.core.inside import reading_inside
 from metrosep.recipe.preflight import RESULT_NAME
 from metrosep.recipe.recipe import Recipe
 
@@ -221,7 +222,8 @@ class Operation:
         folder = self._free(serial, number)
         folder.mkdir()
         try:
-            result = recipe.run(file, out=folder)
+            with reading_inside([self.inbox.resolve()]):  # a link may be laid meanwhile
+                result = recipe.run(file, out=folder)
             _require_same(file, mark)
             rows = _not_accepted(result.document)
             part = Part(serial, file.name, str(result.verdict), rows, number, folder)

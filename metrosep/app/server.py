@@ -50,6 +50,7 @@ from metrosep.app.view_tables import (
 from metrosep.app.wire import Answer, Arrays, Cancel, Message, Tell, error_header, level_of, pack
 from metrosep.core.errors import DataError, MetrosepError, RecipeError, WriteError
 from metrosep.core.exit_codes import exit_code_of
+from metrosep.core.inside import carried
 from metrosep.core.profile import Profile
 from metrosep.core.sections import section_profile
 from metrosep.core.surface import Surface
@@ -801,5 +802,5 @@ def start_warm_up() -> Callable[[], None]:
         except Exception:  # nothing depends on it: what fails here is told when it is used
             logging.getLogger("metrosep").debug("warm-up", exc_info=True)
 
-    threading.Thread(target=work, daemon=True, name="warm-up").start()
+    threading.Thread(target=carried(work), daemon=True, name="warm-up").start()
     return stop.set

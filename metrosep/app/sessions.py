@@ -18,7 +18,8 @@ from metrosep.app.mends import mends_of_edit, mends_of_refusal, mends_of_step
 from metrosep.app.opening import Opened, open_files, open_with, read_again, session_text
 from metrosep.app.view_tables import shown_view
 from metrosep.core.atomic import atomic_write
-from metrosep.core.errors import DataError, MetrosepError, WriteError
+from metrosep.core.errors import DataError, MetrosepError, ReadError, WriteError
+from metrosep.core.inside import carried
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.step_help import step_words
 
@@ -413,7 +414,7 @@ class Keeper:
     def _start(self) -> None:
         if not self._works:
             self._works = True
-            threading.Thread(target=self._work, daemon=True, name="keeper").start()
+            threading.Thread(target=carried(self._work), daemon=True, name="keeper").start()
 
     def _try_again(self) -> None:
         """Try again after a while; who shows the problem hears if it is solved."""
@@ -445,7 +446,7 @@ class Keeper:
             late = self._given_up and self._heard != self.problem
             self._given_up, self._works, self._heard = False, False, None
             if self._failed and self._timer is None:
-                self._timer = threading.Timer(self.again, self._try_again)
+                self._timer = threading.Timer(self.again, carried(self._try_again))
                 self._timer.daemon = True
                 self._timer.start()
             self._changed.notify_all()
@@ -465,7 +466,7 @@ class Keeper:
             target.parent.mkdir(parents=True, exist_ok=True)
             self.write(target, content)
             self._known[target] = content
-        except (WriteError, OSError) as exc:
+        except (ReadError, WriteError, OSError) as exc:
             return f"the session is not kept: {exc}", aside
         return "", False
 

@@ -6,7 +6,6 @@ without permission give the same sentence whatever the format.
 
 from __future__ import annotations
 
-import contextvars
 import hashlib
 import importlib
 import importlib.util
@@ -32,6 +31,7 @@ from metrosep.core.errors import (
     ReadError,
     UnsupportedFeatureError,
 )
+from metrosep.core.inside import carried
 from metrosep.core.numbers import positive
 from metrosep.core.provenance import Step, hash_bytes
 
@@ -81,8 +81,7 @@ class _Hashing:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._digest: str | None = None
-        context = contextvars.copy_context()  # where reading is bound to some folders
-        self._thread = threading.Thread(target=context.run, args=(self._run,), daemon=True)
+        self._thread = threading.Thread(target=carried(self._run), daemon=True)
         self._thread.start()
 
     def _run(self) -> None:

@@ -300,6 +300,27 @@ def test_what_is_no_file_of_the_inbox_is_not_taken(shift: Shift, tmp_path: Path)
     assert shift.of.waiting() == []
 
 
+@pytest.mark.skipif(os.name == "nt", reason="links need a right there")
+def test_a_link_that_is_laid_while_it_is_measured_is_not_read(
+    shift: Shift, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outside = part(tmp_path, "secret.x3p", 50e-9)
+    shown = shift.arrives("A.x3p", 50e-9)
+    run, tried = Recipe.run, []
+
+    def after_a_link(*args: Any, **options: Any) -> Any:
+        (shift.inbox / "A.x3p").unlink()
+        (shift.inbox / "A.x3p").symlink_to(outside)
+        tried.append(1)
+        return run(*args, **options)
+
+    monkeypatch.setattr(Recipe, "run", after_a_link)
+    with pytest.raises(MetrosepError, match="leads out of the folders"):
+        shift.measure("A", shown)
+    assert tried
+    assert list(shift.out.iterdir()) == []
+
+
 @pytest.mark.parametrize("height", [150e-9, 102e-9])
 def test_a_part_that_is_not_accepted_needs_one_of_the_reasons(shift: Shift, height: float) -> None:
     part(shift.inbox, "a.x3p", height)

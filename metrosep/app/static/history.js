@@ -79,7 +79,7 @@ export function makeLooks({ map, section, spectrum, profile, heights, waves }, {
     },
     /** @param {Dict} was */
     look(was) {
-      if (was.part !== part()) /** @type {HTMLElement} */ (document.querySelector(`#parts [data-part="${was.part}"]`)).click();
+      if (was.part !== part()) /** @type {HTMLElement | null} */ (document.querySelector(`#parts [data-part="${was.part}"]`))?.click();
       if (!("lower" in was)) return;
       choice().value = was.lower;
       spectrum.put({ band: was.band });

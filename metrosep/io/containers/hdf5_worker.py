@@ -85,10 +85,19 @@ def main() -> None:
 def _open(request: Mapping[str, Any], requests: IO[bytes]) -> Any:
     if request["open"] is not None:
         _may_grow(0)
-        return h5py.File(request["open"], "r")
+        _require_own(request["open"])
+        opened = h5py.File(request["open"], "r")
+        _require_own(request["open"])
+        return opened
     data = requests.read(request["bytes"])
     _may_grow(2 * len(data))
     return h5py.File(io.BytesIO(data), "r")
+
+
+def _require_own(path: str) -> None:
+    """Refuse a path that the reader gave without links and that passes one by now."""
+    if os.path.realpath(path) != path:
+        raise OSError("it became a link to another file while it was opened")
 
 
 def _may_grow(n_bytes: int) -> None:
