@@ -559,8 +559,8 @@ def _of_mixture(weights: FloatArray, sd: FloatArray, freedom: FloatArray, n: int
     """
     from scipy.special import gammaln, stdtr
 
-    nu = freedom[:, None]
-    sd = np.maximum(sd, np.maximum(1e-100 * sd.max(axis=0), np.finfo(np.float64).tiny))
+    nu, most = freedom[:, None], sd.max(axis=0)
+    sd = np.maximum(sd, np.maximum(1e-100 * most, np.finfo(np.float64).tiny))
     peak = np.exp(gammaln(0.5 * (nu + 1.0)) - gammaln(0.5 * nu)) / np.sqrt(np.pi * nu)
     half = np.zeros(sd.shape[1])
     for _ in range(50):
@@ -571,7 +571,7 @@ def _of_mixture(weights: FloatArray, sd: FloatArray, freedom: FloatArray, n: int
         half = half + step
         if np.all(step <= _SETTLED * half):
             break
-    return np.asarray(half / expanding_factor(n))
+    return np.where(most > 0.0, half / expanding_factor(n), 0.0)
 
 
 def _beside(Q: FloatArray, x: FloatArray, y: FloatArray, top: int, *, is_line: bool) -> FloatArray:

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
 
 from metrosep import Profile, Surface
 from metrosep.core.errors import DataError
 from metrosep.forms import Plane, PointSet, Polynomial, Sphere, fit
+from metrosep.forms._correlated import COVERAGE, _of_mixture, expanding_factor
 from metrosep.parameters import CorrelatedNoise, NoiseFromRepeats, WhiteNoise
 
 MM, NM = 1e-3, 1e-9
@@ -67,3 +69,17 @@ def test_what_has_no_covariance_is_refused():
         fit(disc(), Plane(), noise=NoiseFromRepeats(stack))
     with pytest.raises(DataError, match="no lags"):
         fit(PointSet([0, 1, 2, 0], [0, 0, 1, 2], [0, 1, 2, 3]), Plane(), noise=WhiteNoise(1e-9))
+
+
+def test_u_of_a_mixture_holds_95_percent_and_of_nothing_is_nothing():
+    """One of the columns has no deviation in any part, another in one part only."""
+    weights, freedom = np.array([0.6, 0.4]), np.array([5.0, 12.0])
+    sd = np.array([[0.0, 2.0, 0.0], [0.0, 3.0, 1.0]])
+    u = _of_mixture(weights, sd, freedom, 9)
+
+    assert u[0] == 0.0
+    half = expanding_factor(9) * u[1:]
+    both = weights @ (1.0 - 2.0 * student.sf(half[0] / sd[:, 1], freedom))
+    one = 0.6 + 0.4 * (1.0 - 2.0 * student.sf(half[1], 12.0))
+    assert both == pytest.approx(COVERAGE, abs=1e-12)
+    assert one == pytest.approx(COVERAGE, abs=1e-12)

@@ -260,14 +260,26 @@ def test_a_lag_of_displaced_runs_is_as_likely_as_student_says(t):
     found = displacement(model, scores)
     model.lag_variances = found.lags
     scale = math.sqrt(model.lag_variance * 4.0 / 6.0)  # of t: the mean variance is 6/4 of it
-    lag, u = t * scale, math.sqrt(model.lag_variance + 1e-14)
+    lag = t * scale
     # a lag of the machine beside what the displacement is: the sum of both, by steps
     grid = np.linspace(-6.0, 6.0, 4001) * LAG_PRIOR
     with_lag = norm.pdf(grid, scale=LAG_PRIOR) * student.pdf((lag - grid) / scale, 6) / scale
     some = with_lag.sum() * (grid[1] - grid[0])
     none = student.pdf(t, 6) / scale
-    p = chance_of_lag(lag, u, displaced=model.lag_variances)
+    p = chance_of_lag(lag, 1e-14, displaced=model.lag_variances)
     assert p == pytest.approx(some / (some + none), abs=2e-3)
+
+
+def test_the_chance_of_a_lag_holds_where_the_runs_lie_far_apart():
+    """Variances of 0 and 2 s^2 beside an own one of 1e-17: their mean takes all its digits."""
+    sizes = np.array([0.0, 2.0]), np.array([0.5, 0.5])
+    for lag in (0.0, 3e-9, 1e-3):
+        few = norm.pdf(lag, scale=math.sqrt(1e-17)) + norm.pdf(lag, scale=math.sqrt(2.0))
+        some = norm.pdf(lag, scale=LAG_PRIOR) + norm.pdf(
+            lag, scale=math.hypot(LAG_PRIOR, math.sqrt(2.0))
+        )
+        p = chance_of_lag(lag, 1e-17, displaced=sizes)
+        assert p == pytest.approx(some / (some + few), abs=1e-9)
 
 
 def test_a_wave_of_any_wavelength_is_a_column_of_the_basis():

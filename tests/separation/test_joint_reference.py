@@ -389,7 +389,7 @@ class Estimator:
         at = lag_score(model)
         scores = run_scores(model)
         wave = np.array([2 * math.pi * 5 / P_MM])
-        p = chance_of_lag(0.3e-3, 0.12e-3)
+        p = chance_of_lag(0.3e-3, 0.12e-3**2)
         found = {
             "first z": [r[2][0] for r in self.runs],
             "burg a": self.noise.filters[-1],

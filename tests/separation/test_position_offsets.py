@@ -15,7 +15,8 @@ from metrosep.cli.main import main
 from metrosep.core.errors import DataError, MetrosepError, NotSeparableError
 from metrosep.recipe import Recipe
 from metrosep.separation import ErrorEstimate, separate
-from metrosep.separation.runs.leave_out import RunScore, displacement
+from metrosep.separation.runs.evidence import explain_displacement
+from metrosep.separation.runs.leave_out import Displacement, RunScore, displacement
 
 MOVED = np.array([0.0, 0.6, 0.0, -0.2, 0.0, 0.0])
 FEEDS = (80.0, 80.0, 120.0, 120.0, 160.0, 160.0)
@@ -349,6 +350,24 @@ def test_places_of_a_curve_without_waves_have_no_size():
     found = scored(0.0, 1e153)
 
     assert (found.sd, found.of_mean, found.of_lag) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("sd", "longest_lost"), [(0.05, None), (0.5, 6.8), (1.0, 14.0)])
+def test_waves_that_runs_lying_apart_average_away_are_named(sd, longest_lost):
+    """Of 20,000 places the mean of a wave of 13.7 sd is nine tenths of it."""
+    period, n = 60e-3, 20
+    solution = SimpleNamespace(
+        displaced=Displacement(sd * 1e-3, 1.0), period=period, n_harmonics=n
+    )
+    (said,) = explain_displacement(solution)
+    named = re.search(r"in waves longer than (\S+) mm", said)
+
+    assert (named is None) == (longest_lost is None)
+    if named is not None:
+        assert float(named[1]) == pytest.approx(longest_lost, abs=1e-9)
+        d = np.random.default_rng(1).normal(0.0, sd, 20_000)
+        left = np.mean(np.cos(2.0 * np.pi * d / float(named[1])))
+        assert left == pytest.approx(0.9, abs=0.01)
 
 
 def test_places_that_are_not_seen_widen_nothing():

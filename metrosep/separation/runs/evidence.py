@@ -612,16 +612,27 @@ def said_lag(lag_ms: float, digits: str = ".3g") -> str:
 _SURELY = 0.99
 """Probability from which it is reported that the runs are displaced."""
 
+_LOST = 0.1
+"""Share of a wave that the mean of displaced runs may lose; beyond that a band of small shifts fails."""
+
 
 def explain_displacement(solution: Solution) -> tuple[str, ...]:
-    """Say by how much the places of the runs scatter, where they do."""
+    """Say by how much the places of the runs scatter, where they do, and which waves it takes."""
     found = solution.displaced
     if found.probability < _SURELY:
         return ()
+    # The mean of cos(2 pi (x - d)/l) over d of N(0, sd^2) is exp(-(2 pi sd / l)^2 / 2) of the wave.
+    held = 2.0 * math.pi * found.sd / math.sqrt(-2.0 * math.log1p(-_LOST))
+    only = ""
+    if held > solution.period / solution.n_harmonics:
+        only = (
+            f" in waves longer than {format_length(held, digits=2)} (shorter ones may be missing "
+            "from the estimate and from its uncertainty)"
+        )
     return (
         (
             f"the runs lie apart along the axis, each by its own, {format_length(found.sd, digits=2)} (sd): "
-            "the uncertainty holds it, and a lag is less well known; position_offsets=true (command "
+            f"the uncertainty holds it{only}, and a lag is less well known; position_offsets=true (command "
             "line: --set position_offsets=true) fits the place of each run"
         ),
     )

@@ -60,9 +60,14 @@ class LagScore:
         return float(self.score[0] / self.information[0, 0])
 
     @property
+    def own(self) -> float:
+        """Variance of the lag with the runs where they are, s^2."""
+        return 1.0 / float(self.information[0, 0])
+
+    @property
     def u(self) -> float:
         """Standard uncertainty of the lag, s."""
-        return math.sqrt(1.0 / float(self.information[0, 0]) + self.displaced)
+        return math.sqrt(self.own + self.displaced)
 
     @property
     def gradient(self) -> FloatArray:
@@ -70,11 +75,11 @@ class LagScore:
         return self.score - self.trace
 
     def along(self, direction: FloatArray) -> tuple[float, float, FloatArray]:
-        """Return step and u of a parameter that moves both so, and minus the change with it."""
+        """Return step and own variance of a parameter that moves both so, and minus the change with it."""
         information = float(direction @ self.information @ direction)
         return (
             float(direction @ self.gradient) / information,
-            math.sqrt(1.0 / information + self.displaced),
+            1.0 / information,
             self.change @ direction,
         )
 
@@ -176,20 +181,20 @@ def scan_lag(model: Model) -> None:
 
 def chance_of_lag(
     lag: float,
-    u: float,
+    own: float,
     gain: float = math.inf,
     displaced: tuple[FloatArray, FloatArray] = PLACED,
 ) -> float:
     """Return the probability of a lag N(0, LAG_PRIOR^2) against none, both as likely before (22).
 
-    `gain` is by how much ln evidence is greater with the lag; where the evidence is a parabola it
+    `own` is the variance of the lag with the runs where they are, s^2. `gain` is by how much ln evidence is greater with the lag; where the evidence is a parabola it
     is lag^2 / (2 u^2), which it is not allowed to exceed. Where the runs lie apart by a size that
-    is not known well, u has as many values as that size, each with its chance.
+    is not known well, the variance u^2 has as many values as that size, each with its chance.
     """
     variances, chances = displaced
-    own = u**2 + variances - float(chances @ variances)
-    both = own + LAG_PRIOR**2
-    none = -0.5 * np.log(own) - np.minimum(gain, 0.5 * lag**2 / own)
+    alone = own + variances
+    both = alone + LAG_PRIOR**2
+    none = -0.5 * np.log(alone) - np.minimum(gain, 0.5 * lag**2 / alone)
     some = -0.5 * np.log(both) - 0.5 * lag**2 / both
     odds = _log_mean(chances, some) - _log_mean(chances, none)
     return 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
@@ -205,8 +210,8 @@ class Split:
     """Solution with one share of the time constant in the lag."""
 
     weight: float
-    lag: float  # s, with its standard uncertainty for this share
-    u: float
+    lag: float  # s, with its own variance for this share, s^2
+    own: float
     answer: Answer  # its covariance with what the lag leaves open (eq. 23)
 
 
@@ -223,14 +228,14 @@ def splits(model: Model) -> list[Split]:
     for share in _SHARES if sure else _SHARES[::2]:
         model.back_to(start)
         _settle(model, share)
-        answer, u = model.answer(), math.inf
+        answer, own = model.answer(), math.inf
         at = lag_score(model)
         if at is not None:
-            _, u, change = at.along(_held(model.sensor.lag, share))
-            more = np.outer(change, change) * u**2
+            _, own, change = at.along(_held(model.sensor.lag, share))
+            more = np.outer(change, change) * (own + at.displaced)
             answer = replace(answer, covariance=answer.covariance + more)
-        weight = answer.evidence + (math.log(u) if at is not None else 0.0)
-        parts.append(Split(weight, model.sensor.lag, u, answer))
+        weight = answer.evidence + (0.5 * math.log(own + at.displaced) if at is not None else 0.0)
+        parts.append(Split(weight, model.sensor.lag, own, answer))
         states.append(model.state())
     logs = np.array([p.weight for p in parts])
     chances = np.exp(logs - logs.max())
@@ -255,7 +260,7 @@ def _settle(model: Model, share: float) -> None:
         at = lag_score(model)
         if at is None or i == _STEPS:
             return
-        step, u, _ = at.along(_held(lag, share))
-        if abs(step) < 0.05 * u:
+        step, own, _ = at.along(_held(lag, share))
+        if step**2 < 0.05**2 * (own + at.displaced):
             return
         lag += float(np.clip(step, -LAG_PRIOR, LAG_PRIOR))

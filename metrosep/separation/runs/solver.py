@@ -292,14 +292,14 @@ class Solution:
 
 
 def _answer_with_lag(model: Model) -> tuple[Answer, float, float]:
-    """Return the mean over the splits of a lag, with what the lag leaves open; the lag and its u."""
+    """Return the mean over the splits of a lag, with what it leaves open; the lag, its own variance."""
     parts = sensor_room.splits(model)
     weights = [p.weight for p in parts]
     lags = np.array([p.lag for p in parts])
     lag = float(np.dot(weights, lags))
-    squares = np.array([p.u for p in parts]) ** 2 + (lags - lag) ** 2
-    u = math.sqrt(float(np.dot(weights, squares)))
-    return _mean_answer(weights, [p.answer for p in parts]), lag, u
+    squares = np.array([p.own for p in parts]) + (lags - lag) ** 2
+    own = float(np.dot(weights, squares))
+    return _mean_answer(weights, [p.answer for p in parts]), lag, own
 
 
 def _mean_answer(weights: Sequence[float], answers: Sequence[Answer]) -> Answer:
@@ -325,8 +325,8 @@ def _with_and_without_lag(
         model.learn(4)
         return model.answer(), LagTest(0.0, at.u, 0.0, 0.0, fitted=False)
     if mode == "fit":
-        one, lag, u = _answer_with_lag(model)
-        lag -= stated
+        one, lag, own = _answer_with_lag(model)
+        lag, u = lag - stated, math.sqrt(own + model.lag_variance)
         spread = model.sensor.spread
         return one, LagTest(lag, u, 1.0, (lag / u) ** 2, fitted=True, spread=spread)
     found = model.state()
@@ -335,7 +335,7 @@ def _with_and_without_lag(
         model.learn(4)
     if mode == "stated" or at.u > sensor_room.LAG_PRIOR:  # then nothing is known of a lag
         at = sensor_room.lag_score(model) or at
-        p = sensor_room.chance_of_lag(at.lag, at.u, displaced=model.lag_variances)
+        p = sensor_room.chance_of_lag(at.lag, at.own, displaced=model.lag_variances)
         chi2 = (at.lag / at.u) ** 2
         return model.answer(), LagTest(at.lag, at.u, p, chi2, fitted=False)
     none, without = model.answer(), model.state()
@@ -349,9 +349,9 @@ def _with_and_without_lag(
         model.back_to(other)
         model.solve()
     gain = max(model.log_evidence(model.solve()) - least, 0.0)
-    one, lag, u = _answer_with_lag(model)
-    lag -= stated
-    p = sensor_room.chance_of_lag(lag, u, gain, displaced=model.lag_variances)
+    one, lag, own = _answer_with_lag(model)
+    lag, u = lag - stated, math.sqrt(own + model.lag_variance)
+    p = sensor_room.chance_of_lag(lag, own, gain, displaced=model.lag_variances)
     chi2 = min((lag / u) ** 2, 2.0 * gain)
     test = LagTest(lag, u, p, chi2, fitted=True, spread=model.sensor.spread)
     if p < 0.5:  # residuals and noise are shown for the likelier of the two
