@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from inspect import cleandoc
-
-import click
-
-__all__ = ["EXAMPLES", "with_examples"]
+__all__ = ["EXAMPLES"]
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "info": ("metrosep info part.x3p", "metrosep info runs.csv --json"),
@@ -97,12 +93,3 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "doctor": ("metrosep doctor",),
     "completion": ('eval "$(metrosep completion bash)"',),
 }  # fmt: skip
-
-
-def with_examples(command: click.Command, name: str) -> click.Command:
-    """Return a command whose help has its examples before the options."""
-    text = cleandoc(command.help or "")
-    lines = "\n".join(f"  {line}" for line in EXAMPLES.get(name, ()))
-    if lines and not text.endswith(lines):
-        command.help = f"{text}\n\n\b\nExamples:\n{lines}"
-    return command

@@ -6,7 +6,7 @@ import importlib
 import os
 import re
 import sys
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import click
@@ -123,9 +123,11 @@ class _Commands(click.Group):
                 option.type = _Place()
             if type(option.type) is click.Choice:
                 option.type = _Choice(option.type.choices, option.type.case_sensitive)
-        from metrosep.cli.examples import with_examples
-
-        return with_examples(command, cmd_name)
+        if "format_help_text" not in vars(command):
+            vars(command)["format_help_text"] = partial(
+                _help_text, type(command), command, cmd_name
+            )
+        return command
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -152,6 +154,22 @@ class _Commands(click.Group):
                 formatter.write_dl([(n, _first_sentence(n)) for n in homes], col_max=18)
         with formatter.section("Examples"):
             formatter.write_text("\b\n" + "\n".join(_EXAMPLES))
+
+
+def _help_text(
+    kind: type[click.Command],
+    command: click.Command,
+    name: str,
+    ctx: click.Context,
+    formatter: click.HelpFormatter,
+) -> None:
+    """Write what a command does, and calls to copy, which are loaded for this page only."""
+    from metrosep.cli.examples import EXAMPLES
+
+    kind.format_help_text(command, ctx, formatter)
+    formatter.write_paragraph()
+    with formatter.indentation():
+        formatter.write_text("\b\nExamples:\n" + "\n".join(f"  {v}" for v in EXAMPLES[name]))
 
 
 def _other_door(args: list[str]) -> list[str]:

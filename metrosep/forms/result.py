@@ -195,7 +195,31 @@ class FitResult(PublicObject):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user must know: parameters that are held, tied or not determined by the map."""
-        return (*self.found_warnings, *self._flat(), *self._too_few(), *self._bounded())
+        return (
+            *self.found_warnings,
+            *self._flat(),
+            *self._unsettled(),
+            *self._too_few(),
+            *self._bounded(),
+        )
+
+    def _unsettled(self) -> list[str]:
+        """Return a sentence for each term of an asphere that may be 0, and each angle that may be any."""
+        found = []
+        for name in self.names:
+            value, U = self.params[name], self.coverage_factor * self.u[name]
+            unit = self.units.get(name, "")
+            if name in ("angle", "rotation_z") and 0.5 * math.pi <= U:
+                found.append(
+                    f"{name} is not determined by this map: U = {math.degrees(U):.2g} deg holds every "
+                    "direction; hold it at the drawing's"
+                )
+            elif self.form.name == "asphere" and name[1:].isdecimal() and abs(value) < U:
+                found.append(
+                    f"{name} can hardly be distinguished from 0: {name} = {value:.3g} {unit}, "
+                    f"U = {U:.2g} {unit}; leave the term out, or measure a larger aperture"
+                )
+        return found
 
     def _bounded(self) -> list[str]:
         """Return a sentence where the residual cannot say how much the form took up."""

@@ -27,9 +27,9 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, UnitError
 from metrosep.core.provenance import Step
+from metrosep.io._roles import pick, to_si
 from metrosep.io.runs import columns_of
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.text.picking import pick, to_si
 from metrosep.io.text.table import Table, read_table
 
 __all__ = ["CircleLog", "read_circle_log"]

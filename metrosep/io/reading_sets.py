@@ -24,8 +24,8 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, MetrosepError, OptionError
 from metrosep.core.numbers import choice, is_real, quantity
+from metrosep.io._roles import pick, to_si
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.text.picking import pick, to_si
 from metrosep.io.text.table import Table, read_table
 from metrosep.machine import Chain, ReadingSet
 from metrosep.machine.instruments import (

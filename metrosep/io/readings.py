@@ -18,10 +18,10 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import FormatMismatchError, InvalidSamplesError
 from metrosep.core.inputs import Readings
 from metrosep.core.provenance import Step
+from metrosep.io._roles import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.role_columns import Role, role_values
 from metrosep.io.runs import columns_of
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.text.picking import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.text.table import Table
 
 __all__ = ["read_readings"]

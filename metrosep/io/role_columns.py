@@ -25,12 +25,12 @@ from metrosep.core.units import (
     parse_unit,
     surrounding_header,
 )
+from metrosep.io._roles import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.runs import columns_of, from_first_row
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.dialect import Dialect
 from metrosep.io.text.encoding import decode
 from metrosep.io.text.lines import unframed
-from metrosep.io.text.picking import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.text.table import Column, Table
 
 __all__ = ["Role", "read_roles", "role_values"]

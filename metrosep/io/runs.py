@@ -40,13 +40,20 @@ from metrosep.core.units import (
     parse_unit,
 )
 from metrosep.io import registry
-from metrosep.io._roles import jumps_back, runs_in
+from metrosep.io._roles import (
+    ColumnSpec,
+    jumps_back,
+    pick,
+    runs_in,
+    sensitivity,
+    since_first_row,
+    to_si,
+)
 from metrosep.io.own_notes import is_marked
 from metrosep.io.own_runs import own_columns, own_runs, run_table
 from metrosep.io.several_runs import BLOCKS, SeveralRunsError
 from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.dialect import header_unit
-from metrosep.io.text.picking import ColumnSpec, pick, sensitivity, since_first_row, to_si
 from metrosep.io.text.table import (
     Column,
     Table,

@@ -528,7 +528,7 @@ def _cases(
                 solved[:, -1] - fit.beta,
                 least,
                 stated,
-                tau <= longest or (a, tau) == (fit.a, fit.tau),
+                a == 0.0 or tau <= longest or (a, tau) == (fit.a, fit.tau),
                 cho_solve(factor, np.eye(r)),
             )
         )

@@ -255,3 +255,12 @@ def test_one_number_for_several_reports_is_named_with_the_cure(home, capsys):
     assert '"2026-7-{file}"' in capsys.readouterr().err
     call(home, "--dry-run", "--report", "number=2026-7-{file}")
     assert "is the same for" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("installed", "best"), [(object(), "xlsx"), (None, "csv")])
+def test_the_last_line_names_a_format_that_can_be_written_here(
+    home, capsys, monkeypatch, installed, best
+):
+    monkeypatch.setattr("metrosep.cli.batches.find_spec", lambda _name: installed)
+    call(home)
+    assert f"--format {best} -o reports" in capsys.readouterr().err.splitlines()[-1]

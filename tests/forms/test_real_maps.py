@@ -451,3 +451,18 @@ def test_a_turned_lay_is_not_taken_for_the_mean_of_all_directions():
         u.append(found.u["tilt_y"] / found.u["tilt_x"])
     assert np.mean(inside) >= 0.85  # seven of eight
     assert np.median(u) < 0.2
+
+
+def test_a_term_and_an_angle_of_which_the_map_says_nothing_are_named():
+    X, Y = grid(61)
+    noise = 2 * NM * np.random.default_rng(5).standard_normal(X.shape)
+    flat = surface(noise + sag(1 / 0.5, X * X + Y * Y))
+    asphere = fit(flat, form_from_text("asphere: k=0, terms=4"))
+    assert "a4 can hardly be distinguished from 0: a4 = " in " ".join(asphere.warnings)
+    strong = surface(noise + sag(1 / 0.5, X * X + Y * Y) + 3e3 * (X * X + Y * Y) ** 2)
+    found = fit(strong, form_from_text("asphere: k=0, terms=4"))
+    assert "a4" not in " ".join(found.warnings)
+    assert found.params["a4"] == pytest.approx(3e3, abs=4 * found.u["a4"])
+    # a sphere has no axis: that of a free cylinder may be any
+    trough = fit(surface(noise), Cylinder(angle=None))
+    assert "angle is not determined by this map" in " ".join(trough.warnings)

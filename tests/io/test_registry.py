@@ -347,8 +347,10 @@ def test_a_new_format_is_one_folder_and_one_module(put, tmp_path, monkeypatch):
                 cache.cache_clear()
             z = np.arange(6.0).reshape(2, 3) * 1e-9
             good = structure("planted").pack({"columns": 3, "rows": 2, "step": 2.0}, 17)
-            planted = put(b"PLANT" + good[5:] + z.tobytes(), "a.bin")
-            surface = ms.read(planted, row_order="smallest y first")  # its format does not show it
+            path = put(b"PLANT" + good[5:] + z.tobytes(), "a.bin")
+            with pytest.raises(ms.errors.AmbiguousFormatError, match="row_order="):
+                ms.read(path)  # its description says nothing about the rows
+            surface = ms.read(path, row_order="smallest y first")
             np.testing.assert_array_equal(surface.z, z)
             assert surface.dx == pytest.approx(2e-6, rel=1e-12, abs=0.0)
             with pytest.raises(

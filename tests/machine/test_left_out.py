@@ -63,6 +63,14 @@ def test_where_no_curve_is_left_out_u_is_that_of_the_readings():
     assert np.mean(inside) > 0.92
 
 
+@pytest.mark.parametrize("n", [5, 9])
+def test_a_few_readings_of_one_pass_have_a_u(n):
+    """No drift is told from a constant by so few; white noise is."""
+    term = calibrated(lambda t: 1e-6 * t**2, 1, places=PLACES[:: 40 // (n - 1)], degree=2, runs=1)
+    u = term.errors["EXX"].sd(REACH * np.array([0.5, 1.0]))
+    assert np.all((u > 0.3 * NOISE) & (u < 3.0 * NOISE))
+
+
 def test_u_is_larger_far_from_the_places():
     """A wave is left out: between places that are 100 mm apart it may stand anywhere."""
     places = np.r_[np.linspace(0.0, 0.4, 33), np.linspace(0.65, 1.0, 29)]

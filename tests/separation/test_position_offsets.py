@@ -309,6 +309,48 @@ def test_places_that_a_lag_or_their_u_explain_are_no_displacement(shift, feeds):
     assert np.sqrt(found.of_lag) < 0.15e-3  # of 0.25 ms that u makes
 
 
+@pytest.mark.parametrize("sd", [0.05, 0.2, 0.8, 1.0, 3.0, 20.0])
+def test_u_of_places_that_lie_far_apart_is_as_large_as_they_are(sd):
+    """Nine runs at three feeds, u of a place 0.01 mm, 40 draws: six degrees of freedom."""
+    feeds = tuple(np.repeat([80.0, 120.0, 160.0], 3).tolist())
+    rng = np.random.default_rng(41)
+    ratio = []
+    for _ in range(40):
+        places = rng.normal(0.0, sd, 9)
+        found = scored((9.0 * places - places.sum()) / 8.0, 0.01, feeds)
+        assert found.probability > 0.99
+        ratio.append(
+            (
+                np.sqrt(found.of_mean) / (sd * 1e-3 / 3.0),
+                np.sqrt(found.of_lag) / (sd * 1e-3 / (40e-3 * np.sqrt(6.0))),
+                found.sd / (sd * 1e-3),
+            )
+        )
+
+    assert np.all(np.median(ratio, axis=0) > 0.85)
+    assert np.all(np.median(ratio, axis=0) < 1.3)
+
+
+@pytest.mark.parametrize("feeds", [(80.0, 80.0, 120.0), (80.0, 80.0, 120.0, 120.0), FEEDS])
+def test_where_runs_surely_lie_apart_the_largest_size_is_not_the_likeliest(feeds):
+    """Of one degree of freedom the likelihood falls as one over the size."""
+    rng = np.random.default_rng(5)
+    for u in (0.01, 0.3, 1.0, 5.0):
+        for sd in (2.0 * u, 5.0 * u, 300.0 * u):
+            for _ in range(4):
+                found = scored(rng.normal(0.0, sd, len(feeds)), u, feeds)
+                chances = found.lags[1][1:]
+                assert found.probability < 0.99 or chances[-1] < 0.2 * chances.max()
+                assert found.lags[1].sum() == pytest.approx(1.0, abs=1e-12)
+
+
+def test_places_of_a_curve_without_waves_have_no_size():
+    """A run that shows no wave has a u beyond all numbers."""
+    found = scored(0.0, 1e153)
+
+    assert (found.sd, found.of_mean, found.of_lag) == (0.0, 0.0, 0.0)
+
+
 def test_places_that_are_not_seen_widen_nothing():
     """u of 30 mm: any scatter is as likely as none, as with one run at each feedrate."""
     found = scored(np.random.default_rng(6).normal(0.0, 30.0, 6), 30.0)

@@ -21,13 +21,13 @@ from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit
+from metrosep.io._roles import ColumnSpec
 from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
 from metrosep.io.declared import Match
 from metrosep.io.registry import get, sniffer
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.measurement import columns_as_object, map_as_surface, unit_label, unit_of
-from metrosep.io.text.picking import ColumnSpec
 
 __all__ = ["channels", "is_number", "physical_values", "read", "saved_object", "sniff"]
 

@@ -28,7 +28,6 @@ from metrosep.core.errors import (
     ReadError,
     UnsupportedFeatureError,
 )
-from metrosep.core.inside import opening
 from metrosep.io.objects import check_area
 from metrosep.io.source import HDF5_MAGIC, MAX_PIXELS, RawFile, has_hdf5_magic
 
@@ -181,6 +180,8 @@ class Hdf5File:
         path = None if given else str(self._file.path.resolve())
         patience = min(_PATIENCE + self._file.size / _SLOWEST_TREE, _LONGEST_PATIENCE)
         if not given:
+            from metrosep.core.inside import opening
+
             opening(self._file.path)
         answer = _WORKER.ask({"open": path, "bytes": len(content)}, content, patience)
         if "tree" not in answer:

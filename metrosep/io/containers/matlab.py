@@ -27,13 +27,13 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit
+from metrosep.io._roles import ColumnSpec
 from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
 from metrosep.io.registry import mismatch, sniffer
 from metrosep.io.source import HDF5_MAGIC, MAX_PIXELS, RawFile, refuse_options
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.logger import Channels
 from metrosep.io.text.measurement import columns_as_object, map_as_surface
-from metrosep.io.text.picking import ColumnSpec
 
 __all__ = ["channels", "load", "read", "sniff"]
 

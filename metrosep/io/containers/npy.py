@@ -14,6 +14,7 @@ from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.units import column_unit
+from metrosep.io._roles import ColumnSpec
 from metrosep.io.containers.arrays import array_of
 from metrosep.io.containers.sheets import matrix_of
 from metrosep.io.objects import only_channels
@@ -22,7 +23,6 @@ from metrosep.io.source import RawFile
 from metrosep.io.text import delimited
 from metrosep.io.text.matrices import declared_units
 from metrosep.io.text.measurement import FEW_COLUMNS, columns_as_object, map_as_surface
-from metrosep.io.text.picking import ColumnSpec
 
 __all__ = ["channels", "npz", "read", "sniff"]
 

@@ -26,6 +26,7 @@ from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import parse_unit
+from metrosep.io._roles import ColumnSpec
 from metrosep.io.declared import Match
 from metrosep.io.own_notes import is_marked
 from metrosep.io.registry import BuiltIn, demand, sniffer
@@ -44,7 +45,6 @@ from metrosep.io.text.encoding import head_text
 from metrosep.io.text.lines import are_numbered_rows, are_rows_like_comments, is_rule, unframed
 from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
-from metrosep.io.text.picking import ColumnSpec
 from metrosep.io.text.table import Column, TextTable, markers_in, read_table, text_of
 from metrosep.io.text.times import RunningClock, moments
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
 from metrosep.core.surface import Surface
+from metrosep.io._roles import refuse_marker, to_si
 from metrosep.io.objects import make_surface, rows_of_matrix, to_grid
 from metrosep.io.source import RawFile
-from metrosep.io.text.picking import refuse_marker, to_si
 from metrosep.io.text.table import Table
 
 __all__ = ["declared_units", "is_matrix", "looks_like_points", "matrix", "shown_columns"]

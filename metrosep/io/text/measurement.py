@@ -28,7 +28,19 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, likely_meaning, parse_unit
-from metrosep.io._roles import is_read_too, role_of, runs_in, targets_in, without_counter
+from metrosep.io._roles import (
+    ColumnSpec,
+    is_read_too,
+    pick,
+    refuse_marker,
+    role_of,
+    runs_in,
+    sensitivity,
+    since_first_row,
+    targets_in,
+    to_si,
+    without_counter,
+)
 from metrosep.io.objects import SI_NAMES, make_surface, rows_of_matrix, scaled, to_grid
 from metrosep.io.own_notes import header_notes
 from metrosep.io.several_runs import BLOCKS, FoundRuns, SeveralRunsError, table_advice
@@ -40,14 +52,6 @@ from metrosep.io.text.matrices import (
     looks_like_points,
     matrix,
     shown_columns,
-)
-from metrosep.io.text.picking import (
-    ColumnSpec,
-    pick,
-    refuse_marker,
-    sensitivity,
-    since_first_row,
-    to_si,
 )
 from metrosep.io.text.quality import is_truth
 from metrosep.io.text.table import (

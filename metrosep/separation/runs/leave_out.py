@@ -73,8 +73,15 @@ class RunScore:
     chi2_placed: float = math.inf  # as chi2, the prediction moved by the shift
 
 
-_DISPLACED = np.geomspace(1e-6, 1e-3, 61)
-"""m; standard deviations of the places of the runs that are as likely before, together as none."""
+_LEAST, _MOST, _PER_DECADE = 1e-6, 1e-3, 20
+"""m; standard deviations of the places of the runs that are as likely before, together as none.
+Larger ones only where the readings ask for them."""
+
+_BEYOND = 10.0
+"""Sizes go on to so many times the scatter that u does not explain: there the likelihood has fallen."""
+
+_BY_CHANCE = 0.05
+"""Chance up to which u explains the scatter."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,36 +123,54 @@ def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
         return Displacement()
     # A run that is displaced moves what it is held against, the others: by 1/(n - 1) of it.
     seen = len(scores) / (len(scores) - 1.0)
-
-    def log_likelihood(sd: float) -> float:
-        weight = 1.0 / (variance + (seen * sd) ** 2)
-        total = 0.0
-        for own in groups:
-            w, s = weight[own], shift[own]
-            away = s - float(w @ s) / float(w.sum())
-            total += 0.5 * float(np.log(w).sum() - math.log(w.sum()) - w @ away**2)
-        return total
-
-    sizes = np.append(0.0, _DISPLACED)
-    logs = np.array([log_likelihood(sd) for sd in sizes])
+    sizes = np.append(0.0, _sizes([(shift[own], variance[own]) for own in groups]))
+    size2 = (seen * sizes[:, None]) ** 2
+    logs = np.zeros(sizes.size)
+    for own in groups:
+        w = 1.0 / (variance[own] + size2)
+        whole = w.sum(axis=1)
+        away = shift[own] - (w @ shift[own] / whole)[:, None]
+        logs += 0.5 * (np.log(w).sum(axis=1) - np.log(whole) - (w * away**2).sum(axis=1))
     likely = np.exp(logs - logs.max())
-    whole = float(likely[0] + likely[1:].mean())
-    # What is no likelier than the largest size is not known from the readings, and does not count:
-    # of places that hardly show the mean variance would be that of the largest.
-    known = np.maximum(likely[1:] - likely[-1], 0.0) / _DISPLACED.size / whole
-    chances = np.append(1.0 - known.sum(), known)
+    # Before, sizes are as likely (in the logarithm) as the shifts could tell them (Jeffreys): one far
+    # below u is as none, so that of places which hardly show no size is held.
+    shown = size2 / (variance[np.any(groups, axis=0)] + size2)
+    before = np.sqrt(np.mean(shown**2, axis=1)) / (sizes.size - 1)
+    chances = likely * before
+    as_none = float(likely[0]) * (1.0 - float(before.sum()))
+    all_of_them = float(likely[0]) + as_none + float(chances.sum())
+    chances /= all_of_them
+    some = float(chances.sum())
+    chances[0] = 1.0 - some
     # Of few runs the sd is known badly: what is held is the mean variance, and the lag keeps them all.
     held = float(chances @ sizes**2)
-    weight = 1.0 / variance
+    weight = variance.min() / variance
     away = speed - float(weight @ speed) / float(weight.sum())
     along = float(weight @ away**2)
     of_one = float((weight * away) @ (weight * away)) / along**2 if along > 0.0 else 0.0
     return Displacement(
-        math.sqrt(held / max(float(known.sum()), 1e-300)),
-        1.0 - float(likely[0]) / whole,
+        math.sqrt(held / some) if some > 0.0 else 0.0,
+        1.0 - float(likely[0]) / all_of_them,
         of_mean=held * float(weight @ weight) / float(weight.sum()) ** 2,
         lags=(of_one * sizes**2, chances),
     )
+
+
+def _sizes(groups: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
+    """Return the sizes that are looked at, m, of the shifts and their variances at each feedrate."""
+    from scipy.stats import chi2
+
+    squares, weights, freedom = 0.0, 0.0, 0
+    for shift, variance in groups:
+        w = 1.0 / variance
+        away = shift - float(w @ shift) / float(w.sum())
+        squares += float(w @ away**2)
+        weights += float(w @ (1.0 - w / w.sum()))
+        freedom += shift.size - 1
+    beyond = max(squares - float(chi2.isf(_BY_CHANCE, freedom)), 0.0) / weights
+    most = max(_MOST, _BEYOND * math.sqrt(beyond))
+    steps = math.ceil(_PER_DECADE * math.log10(most / _LEAST) - 1e-9)
+    return np.asarray(_LEAST * 10.0 ** (np.arange(steps + 1) / _PER_DECADE))
 
 
 def run_scores(model: Model) -> list[RunScore]:
