@@ -64,7 +64,7 @@ def surface(factor, **more):
         "dx_m": None,
         "dy_m": None,
         "z_m": plain(Z, factor),
-        "warnings_match": "row 0",
+        "warnings_match": "which row is on top",
         **more,
     }
 

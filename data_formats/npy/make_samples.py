@@ -32,7 +32,7 @@ BY_COLUMN = [row[i] for i in range(3) for row in ROWS]
 CASES = {
     "rows.npy": (
         npy(BY_ROW),
-        surface(1e-9, options={"unit": "nm"}, warnings_match="row 0"),
+        surface(1e-9, options={"unit": "nm"}, warnings_match="which row is on top"),
     ),
     "columns-big-endian.npy": (
         npy(BY_COLUMN, code="f", descr=">f4", fortran=True, version=2),

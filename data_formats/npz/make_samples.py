@@ -47,7 +47,7 @@ SURFACE = {
     "dx_m": None,
     "dy_m": None,
     "z_m": [[v * 1e-9 for v in row] for row in ROWS],
-    "warnings_match": "row 0",
+    "warnings_match": "which row is on top",
 }
 CASES = {
     "profile.npz": (npz(x_mm=npy(X_MM), z_um=npy(Z_UM)), PROFILE),

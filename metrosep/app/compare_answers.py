@@ -163,7 +163,7 @@ def _evaluated(
 
 
 def _read_like(opened: Opened, recipe: Any, files: list[Path]) -> Surface | Profile:
-    from metrosep.io.read import read_one as read
+    from metrosep.io.read import read_for_recipe as read
     from metrosep.recipe.schema import reading_options
 
     if len(files) > 1:

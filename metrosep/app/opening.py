@@ -417,7 +417,7 @@ def _with(
 
 
 def _obj(file: Path, reading: Mapping[str, Any], read: Read | None) -> Surface | Profile:
-    from metrosep.io.read import read_one as usual
+    from metrosep.io.read import read_for_recipe as usual
 
     try:
         obj = (read or usual)(file, **reading)

@@ -11,7 +11,7 @@ import click
 
 from metrosep.cli.measuring import limit_text
 from metrosep.cli.options import READING, force_option, json_option, name_values
-from metrosep.cli.shortcut import input_lines, list_of, option_error, quoted, typed
+from metrosep.cli.shortcut import input_lines, list_of, of_reader, option_error, quoted, typed
 from metrosep.core.text_options import TEXT_OPTIONS
 
 if TYPE_CHECKING:
@@ -185,9 +185,11 @@ def _recipe_text(
             "recipe that --print-recipe prints"
         )
     lines = ["metrosep = 1", "", "[input]", f"files = {list_of(files)}"]
-    lines += input_lines({k: v for k, v in options.items() if k in known}, options)
+    of_input, of_step = of_reader(name_values(settings, "--set"), known, fields)
+    reading = {k: v for k, v in options.items() if k in known} | of_input
+    lines += input_lines(reading, reading)
     lines += ["", "[[step]]", f"op = {quoted(what)}"]
-    for key, value in name_values(settings, "--set"):
+    for key, value in of_step:
         name = key.replace("-", "_")
         if f"{name} = " in "\n".join(lines[lines.index("[[step]]") :]):
             raise click.UsageError(f"--set {name} is given twice")

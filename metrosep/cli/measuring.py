@@ -390,7 +390,7 @@ def _several(
     files: Sequence[str], recipe: Recipe, reading: Mapping[str, Any]
 ) -> Callable[[str], list[float]]:
     """Return the values of a metric in files, which one rule judges together."""
-    from metrosep.io.read import read_one as read
+    from metrosep.io.read import read_for_recipe as read
     from metrosep.recipe.pipeline_run import measure_object
 
     measured = [measure_object(recipe, read(Path(f), **reading)) for f in files]

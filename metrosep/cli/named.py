@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from metrosep.cli.options import name_values
-from metrosep.cli.shortcut import input_lines, listed, quoted, typed
+from metrosep.cli.shortcut import input_lines, listed, of_reader, quoted, typed
 from metrosep.core.readable import did_you_mean
 from metrosep.core.text_options import TEXT_OPTIONS
 
@@ -93,6 +93,9 @@ def named_recipe(name: str, options: Mapping[str, Any], *, report: bool) -> str:
                 f"--{key.replace('_', '-')} is not read by --method {name}; it takes {_takes(method)}"
             )
     columns = dict(name_values(options.get("columns") or (), "--column"))
+    settings = name_values(options.get("settings") or (), "--set")
+    of_input, settings = of_reader(settings, known, method.fields)
+    columns |= of_input
     lines = ["metrosep = 1", "", "[input]"]
     for key in [*known, *(k for k in columns if k not in known)]:
         value = columns.get(key, options.get(key))
@@ -100,7 +103,7 @@ def named_recipe(name: str, options: Mapping[str, Any], *, report: bool) -> str:
             several = key in known and known[key].kind == "texts"
             lines += [f"{key} = {listed(value)}"] if several else input_lines({key: value}, [key])
     lines += ["", "[[step]]", f"op = {quoted(name)}"]
-    for key, value in name_values(options.get("settings") or (), "--set"):
+    for key, value in settings:
         lines.append(f"{key} = {typed(key, value, method.fields)}")
     if report:
         lines += ["", "[[output]]", 'kind = "parts"']

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -244,6 +244,15 @@ def own_recipe(
         return Recipe.parse(text, name="command line", folder=Path.cwd())
     except RecipeError as error:
         raise click.UsageError(option_error(error), ctx=context) from None
+
+
+def of_reader(
+    settings: Iterable[tuple[str, str]], known: Container[str], fields: Container[str]
+) -> tuple[dict[str, str], list[tuple[str, str]]]:
+    """Return what ``--set`` says of the reading of a map, which belongs to ``[input]``, and the rest."""
+    pairs = list(settings)
+    own = {k: v for k, v in pairs if k == "row_order" and k in known and k not in fields}
+    return own, [(k, v) for k, v in pairs if k not in own]
 
 
 def input_lines(given: Mapping[str, Any], keys: Iterable[str]) -> list[str]:

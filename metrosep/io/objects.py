@@ -47,6 +47,7 @@ __all__ = [
     "not_calibrated",
     "only_channels",
     "rows_asked",
+    "rows_of_matrix",
     "rows_to_write",
     "scaled",
     "scaled_file",
@@ -54,9 +55,9 @@ __all__ = [
 ]
 
 EVIDENCE = (
-    "coordinates", "standard", "pair", "rotation", "writer", "peer", "convention", "assumed"
+    "coordinates", "standard", "pair", "rotation", "writer", "peer", "assumed"
 )  # fmt: skip
-"""What can show which way up a map lies, declared by each format; where it is `assumed` the caller must state it."""
+"""What can show which way up a map lies, declared by each format; `assumed` where nothing does."""
 
 SI_NAMES = {
     "length": "m",
@@ -228,9 +229,10 @@ def make_surface(
     if row_order == ROW_ORDERS[1] and not turned:
         z = z[::-1]
     dx, dy = override or own_steps
-    facts.setdefault("orientation_evidence", evidence(format_id))
-    if facts["orientation_evidence"] == "assumed":
-        raise rows_asked(file, f"of the format {format_id}")
+    if "orientation_evidence" not in facts:
+        facts["orientation_evidence"] = evidence(format_id)
+        if facts["orientation_evidence"] == "assumed":
+            raise rows_asked(file, f"of the format {format_id}")
     metadata = file.metadata(
         format_id,
         header,
@@ -257,6 +259,18 @@ def rows_asked(file: RawFile, what: str) -> AmbiguousFormatError:
         "mirrored map would compensate the wrong side; compare one map with the picture of the instrument and "
         f"give row_order={ROW_ORDERS[1]!r} or row_order={ROW_ORDERS[0]!r}, or export it as X3P"
     )
+
+
+def rows_of_matrix(file: RawFile, row_order: str | None) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return facts for `make_surface` of a bare matrix, whose rows the caller states, and what to warn of."""
+    if (stated := checked_row_order(file, row_order)) is not None:
+        return {"row_order": stated, "orientation_evidence": "stated"}, ()
+    said = (
+        "nothing in the file shows which row is on top: its first row was taken as the smallest y; a mirrored map "
+        "would compensate the wrong side, so compare it with the picture of the instrument and state "
+        f"row_order={ROW_ORDERS[1]!r} or row_order={ROW_ORDERS[0]!r}"
+    )
+    return {"row_order": ROW_ORDERS[0], "orientation_evidence": "assumed"}, (said,)
 
 
 def checked_row_order(file: RawFile, order: str | None) -> str | None:

@@ -39,7 +39,15 @@ from metrosep.io.registry import Format
 from metrosep.io.several_runs import BLOCKS, SeveralRunsError
 from metrosep.io.source import RawFile, lateral_steps, open_file, refuse_options
 
-__all__ = ["channels", "read", "read_any", "read_one", "recognise"]
+__all__ = [
+    "RowsShownError",
+    "channels",
+    "read",
+    "read_any",
+    "read_for_recipe",
+    "read_one",
+    "recognise",
+]
 
 
 def read(
@@ -70,6 +78,8 @@ def read(
         For text: ``x``, ``z``, ``time``, ``sampling_rate`` and how it is written: ``separator``,
         ``decimal``, ``thousands``, ``encoding``, ``comment``, ``skip_rows``, ``skip_lines``,
         ``missing``, ``sheet``; see `metrosep.io.text.delimited.read`. For binary maps: ``max_pixels``.
+        For maps: ``row_order``, "top row first" or "smallest y first", where the file does not show
+        it; where the file does, it must say the same.
 
     Returns
     -------
@@ -158,6 +168,9 @@ def read_any(
     file.hash_aside()
     reader = description.load_reader()
     accepted = accepted_options(reader.read)
+    order = checked_row_order(file, layout.get("row_order"))
+    if "row_order" not in accepted:
+        layout.pop("row_order", None)
     for option in layout:
         if option not in accepted:
             own = [n for n in accepted if n not in {"file", "channel", "lateral_step", "unit"}]
@@ -166,10 +179,56 @@ def read_any(
                 f"{', '.join(own) or 'none'}.{did_you_mean(option, own)}"
             )
     try:
-        return reader.read(file, channel=channel, lateral_step=lateral_step, unit=unit, **layout)
+        obj = reader.read(file, channel=channel, lateral_step=lateral_step, unit=unit, **layout)
     except SeveralRunsError as exc:
         said = {k: v for k, v in layout.items() if k in TEXT_OPTIONS.keys() | _COLUMNS}
         raise SeveralRunsError(exc.path, exc.found, said) from None
+    if order is not None:
+        _require_rows(file, obj, order)
+    return obj
+
+
+class RowsShownError(ReadOptionError):
+    """An order of rows was stated of a file that shows another one, or holds none."""
+
+    def __init__(self, message: str, obj: Any = None) -> None:
+        super().__init__(message)
+        self.obj = obj  # what was read, by what the file shows
+
+
+def _require_rows(file: RawFile, obj: Any, stated: str) -> None:
+    """Refuse what the caller states of the rows where the file itself shows something else."""
+    if not isinstance(obj, Surface):
+        what = f"holds a {type(obj).__name__.lower()}, which has no rows"
+    else:
+        shown, own = (obj.metadata.get(k) for k in ("orientation_evidence", "row_order_in_file"))
+        if shown == "stated" or own == stated or own == _SAME.get(stated):
+            return
+        what = f"shows itself how its rows lie ({own}, by {shown})"
+    raise RowsShownError(
+        f"{file.path}: {what}, and row_order={stated!r} says otherwise; leave row_order out", obj
+    )
+
+
+_SAME = {ROW_ORDERS[1]: "largest y first"}
+"""Words of a reader for an order of rows that the caller states in others."""
+
+
+def read_for_recipe(path: str | os.PathLike[str], **options: Any) -> Surface | Profile | Recording:
+    """Return what `read_one` does; ``row_order`` of a recipe is for those of its files that show no rows."""
+    try:
+        return read_one(path, **options)
+    except RowsShownError as exc:
+        if not isinstance(exc.obj, Surface | Profile | Recording):
+            raise
+        said = (
+            str(exc).removeprefix(f"{path}: ").rpartition("; ")[0].replace(" says otherwise", "")
+        )
+        warnings = (
+            *exc.obj.metadata.get("warnings", ()),
+            f"{said} of the recipe is not used for it",
+        )
+        return replace(exc.obj, metadata={**exc.obj.metadata, "warnings": warnings})
 
 
 def recognise(

@@ -386,7 +386,7 @@ def _listed_test(file: Path, layout: Mapping[str, Any]) -> RoleColumns:
 def _maps(
     method: type[Method], files: Sequence[Path], options: Mapping[str, Any]
 ) -> tuple[Surface | Profile, ...]:
-    from metrosep.io.read import read_one as read
+    from metrosep.io.read import read_for_recipe as read
 
     objects: list[Surface | Profile] = []
     for file in files:

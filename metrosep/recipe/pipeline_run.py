@@ -242,7 +242,7 @@ def measured_result(recipe: Recipe, measured: Measurement) -> Result:
 
 
 def _read(recipe: Recipe, files: list[Path], tell: Tell) -> Measured:
-    from metrosep.io.read import read_one as read
+    from metrosep.io.read import read_for_recipe as read
 
     if len(files) != 1:
         shown = ", ".join(f.name for f in files[:4]) + (" ..." if len(files) > 4 else "")

@@ -15,7 +15,7 @@ from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.methods import Method
 from metrosep.core.options import KINDS, Option, checked, not_one_of
 from metrosep.core.readable import did_you_mean, digits_of, typed_number
-from metrosep.core.text_options import TEXT_OPTIONS
+from metrosep.core.text_options import ROW_ORDERS, TEXT_OPTIONS
 from metrosep.core.units import SURROUNDINGS, TYPICAL
 
 __all__ = [
@@ -337,6 +337,7 @@ MAPS = {
     "channel": Field("text"),
     "unit": Field("text"),
     "lateral_step": Field("size"),
+    "row_order": Field("text", choices=ROW_ORDERS),
 }
 TABLE = {"files": Field("texts"), **LAYOUT}
 

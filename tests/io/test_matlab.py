@@ -54,7 +54,7 @@ def test_matrix_is_a_surface_with_row_1_at_the_smallest_y(save, packed):
     assert obj.metadata["lateral_step_override_m"] == pytest.approx(
         (2e-6, 3e-6), rel=RTOL, abs=0.0
     )
-    assert any("row 0 was taken" in w for w in obj.metadata["warnings"])
+    assert any("first row was taken" in w for w in obj.metadata["warnings"])
 
 
 def test_uncalibrated_matrix_has_no_steps_and_needs_a_unit(save):

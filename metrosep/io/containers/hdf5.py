@@ -59,6 +59,7 @@ def read(
     sampling_rate: float | str | None = None,
     scale: float | str | None = None,
     max_pixels: int | None = None,
+    row_order: str | None = None,
 ) -> Surface | Profile | Recording | RunSet:
     """Return a map, the columns of one length, or what metrosep saved."""
     if (saved := saved_object(file)) is not None:
@@ -93,6 +94,7 @@ def read(
                 unit=unit,
                 lateral_step=lateral_step,
                 scale=scale,
+                row_order=row_order,
                 header=header,
             )
         columns = {

@@ -68,6 +68,7 @@ def read(
     sampling_rate: float | str | None = None,
     scale: float | str | None = None,
     max_pixels: int | None = None,
+    row_order: str | None = None,
 ) -> Surface | Profile | Recording:
     """Return a matrix, vectors of one length, or a capture."""
     values = load(file, max_pixels)
@@ -91,6 +92,7 @@ def read(
             unit=unit,
             lateral_step=lateral_step,
             scale=scale,
+            row_order=row_order,
             header=values.header,
         )
     vectors = _vectors(file, values, channel, asked, split=declared)

@@ -49,6 +49,7 @@ def read(
     time: ColumnSpec | None = None,
     scale: float | str | None = None,
     max_pixels: int | None = None,
+    row_order: str | None = None,
 ) -> Surface | Profile | Recording:
     """Return the array as what the caller declares; columns have numbers from 1, as in a text without names."""
     only_channels(file, "NumPy", channel, ("array",))
@@ -69,13 +70,14 @@ def read(
             unit=unit,
             lateral_step=lateral_step,
             scale=scale,
+            row_order=row_order,
             header=header,
         )
     table = values[:, None] if values.ndim == 1 else values
     columns = {f"column{i + 1}": (table[:, i], None) for i in range(table.shape[1])}
     header["named"] = False
     options = {"lateral_step": lateral_step, "unit": unit, "x": x, "z": z, "time": time}
-    options |= {"scale": scale, "sampling_rate": sampling_rate}
+    options |= {"scale": scale, "sampling_rate": sampling_rate, "row_order": row_order}
     return columns_as_object(file, FORMAT, columns, header, **options)
 
 
@@ -109,7 +111,7 @@ def _npz_read(
     demand(file, _NPZ)
     unit = declared_units(unit)
     sheet, scale = options.get("sheet"), options.get("scale")
-    given = {k for k, v in options.items() if v is not None} - {"sheet", "scale"}
+    given = {k for k, v in options.items() if v is not None} - {"sheet", "scale", "row_order"}
     found = None if given or _is_of_columns(unit) else matrix_of(file, sheet)
     if found is None:
         return delimited.read(file, lateral_step=lateral_step, unit=unit, **options)
@@ -127,6 +129,7 @@ def _npz_read(
         unit=unit,
         lateral_step=lateral_step,
         scale=scale,
+        row_order=options.get("row_order"),
         header={"array": name, "shape": list(values.shape)},
     )
 

@@ -128,6 +128,7 @@ def read(
     time: ColumnSpec | None = None,
     sampling_rate: float | str | None = None,
     scale: float | str | None = None,
+    row_order: str | None = None,
     **text: Any,
 ) -> Profile | Recording | Surface | RunSet:
     """Return the profile, recording or surface that a table of numbers holds, or metrosep's own runs."""
@@ -152,6 +153,7 @@ def read(
         time=time,
         sampling_rate=sampling_rate,
         scale=scale,
+        row_order=row_order,
     )
 
 

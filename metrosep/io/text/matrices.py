@@ -13,7 +13,7 @@ import numpy as np
 from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
 from metrosep.core.surface import Surface
 from metrosep.io._roles import refuse_marker, to_si
-from metrosep.io.objects import ROW_ORDERS, make_surface, to_grid
+from metrosep.io.objects import make_surface, rows_of_matrix, to_grid
 from metrosep.io.source import RawFile
 from metrosep.io.text.table import Table
 
@@ -24,10 +24,6 @@ _SHOWN = 12
 _LEAST_COLUMNS = 3
 """A table of one or two columns is a profile."""
 _POINTS = 3
-_FIRST_ROW = (
-    "the file does not say where its first row lies: it was taken as the row of the smallest y; turn "
-    "the rows (numpy.flipud) of an export that begins with the top row"
-)
 
 
 def declared_units(unit: Any) -> Any:
@@ -78,6 +74,7 @@ def matrix(
     *,
     steps: tuple[float, float] | None,
     scale: float | None,
+    row_order: str | None = None,
 ) -> Surface:
     """Return the map that a matrix of heights holds."""
     units = {c.unit for c in table.columns}
@@ -109,15 +106,16 @@ def matrix(
         [to_si(file, c, c.unit, dimension="length", role="z", scale=scale) for c in table.columns]
     )
     facts: dict[str, Any] = {"units": {"z": next(u.name for u in units if u is not None)}}
+    rows, said = rows_of_matrix(file, row_order)
     return make_surface(
         file,
         format_id,
         z,
         (None, None),
-        row_order=ROW_ORDERS[0],
+        **rows,
         header=table.header,
         override=steps,
-        warnings=(*table.warnings, _FIRST_ROW),
+        warnings=(*table.warnings, *said),
         lines=table.ledger,
         **facts,
     )

@@ -41,7 +41,7 @@ from metrosep.io._roles import (
     to_si,
     without_counter,
 )
-from metrosep.io.objects import SI_NAMES, make_surface, scaled, to_grid
+from metrosep.io.objects import SI_NAMES, make_surface, rows_of_matrix, scaled, to_grid
 from metrosep.io.own_notes import header_notes
 from metrosep.io.several_runs import BLOCKS, FoundRuns, SeveralRunsError, table_advice
 from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
@@ -92,6 +92,7 @@ def measurement(
     time: ColumnSpec | None = None,
     sampling_rate: float | str | None = None,
     scale: float | str | None = None,
+    row_order: str | None = None,
 ) -> Profile | Recording | Surface:
     """Return the object that a table holds; see `metrosep.io.text.delimited.read`."""
     if not any((channel, x, y, z, time)):  # else what is not asked for may hold what it wants
@@ -131,7 +132,14 @@ def measurement(
         said = unit is not None or steps is not None or n_columns > FEW_COLUMNS
         unnamed = bare and x is None and z is None and channel is None
         if unnamed and (said or looks_like_points(file, made.table)):
-            return matrix(file, made.table, format_id, steps=steps, scale=sensitivity(scale))
+            return matrix(
+                file,
+                made.table,
+                format_id,
+                steps=steps,
+                scale=sensitivity(scale),
+                row_order=row_order,
+            )
         return made.profile(x, z, steps)
     except UnitError:
         raise
@@ -780,8 +788,9 @@ def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
 
 
 # ---- arrays without a meaning of their own (HDF5, NumPy, MATLAB): what the caller declares makes them one ----
-# A two-dimensional array is a map whose first row has the smallest y; nothing in it says so, and
-# nothing says its unit: the caller does, or an attribute ``unit`` beside it.
+# A two-dimensional array is a map. Nothing in it says which row is on top: the caller does with
+# ``row_order``, else the first row is taken as the smallest y with a warning. Nothing says its unit: the
+# caller does, or an attribute ``unit`` beside it.
 
 _UNIT_KEYS = ("units", "unit", "Units", "Unit")
 
@@ -809,6 +818,7 @@ def map_as_surface(
     unit: Any,
     lateral_step: Any,
     scale: float | str | None = None,
+    row_order: str | None = None,
     header: Mapping[str, Any],
 ) -> Surface:
     """Return a two-dimensional array as a surface."""
@@ -830,20 +840,19 @@ def map_as_surface(
             f"{file.path}: {name!r} is in {found.name} ({found.dimension}); a surface needs a length, or "
             "scale='2.5 um/V' for a sensor with voltage output"
         )
+    rows, said = rows_of_matrix(file, row_order)
     return make_surface(
         file,
         format_id,
         scaled(values, factor),
         (None, None),
-        row_order="smallest y first",
+        **rows,
         header=header,
         override=lateral_steps(lateral_step),
         channel=name,
         unit_in_file=None if own_unit is None else own_unit.name,
         unit_declared=None if declared is None else declared.name,
-        warnings=(
-            "the array does not say which row is on top: row 0 was taken as the smallest y",
-        ),
+        warnings=said,
     )
 
 
