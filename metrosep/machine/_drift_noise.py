@@ -113,6 +113,10 @@ class Gls:
         )
         return self._fit(self._at(a, tau), a, tau)
 
+    def plain(self) -> Fit:
+        """Return the fit without drift."""
+        return self._fit(self._at(*_WHITE), 0.0, 0.0)
+
     def spread(self, beta: FloatArray) -> FloatArray:
         """Return the covariance about an estimate, over all drifts by their restricted likelihood.
 
@@ -204,6 +208,41 @@ def rounding_covariance(
         own = max(digit - s**2, 0.0) - digit
         added += digit * (sums.T @ sums) + own * (G.T @ G)
     return added
+
+
+def degrees_of(
+    Z: FloatArray, streams: Sequence[Stream], fit: Fit, stated: Sequence[float | None]
+) -> FloatArray:
+    """Return how many readings of each set are left over to know its scale, infinite where it is stated."""
+    found = np.zeros(len(stated))
+    for stream in streams:
+        if stream.rows.size:
+            solved, _ = inverse_times(Z[stream.rows], stream.index, fit.a, fit.tau)
+            used = np.sum((Z[stream.rows] @ fit.cov) * solved) / fit.scales[stream.which] ** 2
+            found[stream.which] += stream.rows.size - used
+    return np.where([u is None for u in stated], found, math.inf)
+
+
+def few_readings_covariance(
+    Z: FloatArray, streams: Sequence[Stream], fit: Fit, stated: Sequence[float | None]
+) -> FloatArray:
+    """Return what is added to the covariance as the scale of each set is known by few readings only.
+
+    Twice the standard deviation is to hold 95.45 %, as of a normal distribution: the part of a set is
+    that of Student's t of its degrees, so times (t / 2)^2.
+    """
+    from scipy.stats import t as student
+
+    degrees = np.maximum(degrees_of(Z, streams, fit, stated), 1.0)  # of fewer none is defined
+    twice = np.asarray(student.isf(0.5 * math.erfc(math.sqrt(2.0)), degrees))
+    raised = (twice / 2.0) ** 2 - 1.0
+    added = np.zeros_like(fit.cov)
+    for stream in streams:
+        k = stream.which
+        if stream.rows.size and stated[k] is None:
+            solved, _ = inverse_times(Z[stream.rows], stream.index, fit.a, fit.tau)
+            added += raised[k] / fit.scales[k] ** 2 * (Z[stream.rows].T @ solved)
+    return fit.cov @ added @ fit.cov
 
 
 def inverse_times(

@@ -23,7 +23,14 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.machine._bases import Basis, basis_of
-from metrosep.machine._drift_noise import Fit, Gls, Stream, diagonal_of_inverse, inverse_times
+from metrosep.machine._drift_noise import (
+    Fit,
+    Gls,
+    Stream,
+    degrees_of,
+    diagonal_of_inverse,
+    inverse_times,
+)
 from metrosep.machine.chains import Chain, Positions
 from metrosep.machine.elements import Element, element_terms, term_unit
 from metrosep.machine.instruments import Instrument, seen
@@ -38,6 +45,8 @@ _STEPS, _SETTLED = 20, 1e-10
 _SEEN = 1e-6
 """Of the largest column of a place: what is below would be known to a million times the noise."""
 _HUBER, _GROSS, _REFUSED = 1.5, 6.0, 4.0
+_SHORT = 60
+"""Readings of a set from which on those that fit best know their own scatter."""
 _ONE_BALL = 5e-3
 """m: poses that a control steers to a ball are no further apart, whatever its kinematics."""
 _PASTED = 5
@@ -415,34 +424,86 @@ class Problem:
     def without_gross(self, system: System, good: list[Any]) -> list[Any]:
         """Return which readings are left when gross contradictions are removed."""
         beta = _huber(system)
-        rest = system.y - system.X @ beta
+        rest = np.abs(system.y - system.X @ beta)
+        used = np.sum(np.linalg.qr(system.design)[0] ** 2, axis=1)
         kept = [g.copy() for g in good]
         begin = 0
         for k, end in enumerate(system.ends):
             part = rest[begin:end]
-            scale = 1.4826 * float(np.median(np.abs(part)))
+            scale = 1.4826 * float(np.median(part))
             floor = 1e-9 * float(np.abs(system.y[begin:end]).max(initial=0.0))
-            bad = np.abs(part) > max(_GROSS * max(scale, floor), self.steps[k])
+            bad = part > max(_GROSS * max(scale, floor), self.steps[k])
+            # more than half of those that the unknowns leave over cannot be told from the others
+            most = int(max(part.size - float(used[begin:end].sum()), 0.0) / 2.0)
+            bad[np.argsort(part, kind="stable")[: part.size - most]] = False
             kept[k].reshape(-1)[system.rows[k][bad]] = False
             begin = end
         return kept
+
+    def _with_likely(self, current: list[Instrument], good: list[Any]) -> list[Any]:
+        """Return the readings with those of short sets that the rest cannot call wrong, nearest first.
+
+        The scatter of those that fit best says little: by few degrees one must be very far off. As
+        readings come back the limit falls (Hadi and Simonoff, J. Am. Stat. Assoc. 88 (1993) 1264).
+        """
+        good = [g.copy() for g in good]
+        open_to = [
+            np.isfinite(np.asarray(s.values)) & ~g for s, g in zip(self.sets, good, strict=True)
+        ]
+        open_to = [o if o.shape[0] < _SHORT else np.zeros_like(o) for o in open_to]
+        for _ in range(sum(int(o.sum()) for o in open_to)):
+            system = self.assembled(current, good)
+            stated = [s.u for s in self.sets]
+            fit = Gls(system.design, system.y, system.streams, stated).plain()
+            degrees = degrees_of(system.design, system.streams, fit, stated)
+            wider = self.assembled(current, [g | o for g, o in zip(good, open_to, strict=True)])
+            Z = (wider.X / system.sizes) @ system.V
+            off = np.abs(wider.y - Z @ fit.beta)
+            shift = np.sum((Z @ fit.cov) * Z, axis=1)
+            begin, found = 0, False
+            for k, end in enumerate(wider.ends):
+                mine, rows = slice(begin, end), wider.rows[k]
+                begin = end
+                refused = open_to[k].reshape(-1)[rows]
+                if not refused.any():
+                    continue
+                t = off[mine] / np.sqrt(fit.scales[k] ** 2 + shift[mine])
+                nearest = int(np.argmin(np.where(refused, t, math.inf)))
+                if t[nearest] <= limit_of(degrees[k]) or off[mine][nearest] <= self.steps[k]:
+                    good[k].reshape(-1)[rows[nearest]] = True
+                    open_to[k].reshape(-1)[rows[nearest]] = False
+                    found = True
+            if not found:
+                break
+        return good
 
     def settled(
         self, current: list[Instrument], good: list[Any], robust: bool
     ) -> tuple[Fit, System, list[Any]]:
         """Return the fit with its noise when no further reading is refused, and what is left."""
         stated = [s.u for s in self.sets]
+        if robust:
+            good = self._with_likely(current, good)
         for _ in range(ROUNDS):
             system = self.assembled(current, good)
             Z = system.design
             fit = Gls(Z, system.y, system.streams, stated).best()
             t = _deleted(Z, system, fit)
+            degrees = degrees_of(Z, system.streams, fit, stated)
+            rest = system.y - Z @ fit.beta
             # robust: one bad reading must not hide another, nor hide behind a scale of its making
-            scale = 1.4826 * float(np.median(np.abs(t)))
-            bad = np.abs(t) > _REFUSED * max(scale, 1.0)
-            off = np.abs(system.y - Z @ fit.beta)
-            for stream in system.streams:  # off by a digit of the display is no contradiction
-                bad[stream.rows] &= off[stream.rows] > self.steps[stream.which]
+            scale = max(1.4826 * float(np.median(np.abs(t))), 1.0)
+            bad, begin = np.zeros(t.size, dtype=bool), 0
+            for k, end in enumerate(system.ends):
+                mine = slice(begin, end)
+                begin = end
+                of_all = np.abs(t[mine])
+                if stated[k] is None:
+                    of_all = of_all * _scale_without(Z[mine], rest[mine], k, fit, degrees[k])
+                # off by a digit of the display is no contradiction
+                bad[mine] = (of_all > scale * limit_of(degrees[k] - 1.0)) & (
+                    np.abs(rest[mine]) > self.steps[k]
+                )
             if not robust or not bad.any():
                 break
             begin = 0
@@ -751,6 +812,33 @@ def _huber(system: System) -> FloatArray:
         if settled:
             break
     return np.asarray(system.V @ np.linalg.solve(R, found) / system.sizes)
+
+
+def limit_of(degrees: float) -> float:
+    """Return how many standard deviations of so many degrees are as unlikely as four that are known."""
+    from scipy.stats import t as student
+
+    chance = 0.5 * math.erfc(_REFUSED / math.sqrt(2.0))
+    return float(student.isf(chance, degrees)) if degrees > 0.0 else math.inf
+
+
+def _scale_without(
+    Z: FloatArray, rest: FloatArray, k: int, fit: Fit, degrees: float
+) -> FloatArray:
+    """Return the scale of a set over that which it would have without each of its readings."""
+    w = 1.0 / (fit.scales[k] ** 2 * (1.0 + fit.a**2))
+    moves = Z @ fit.cov * w
+    own = np.sum(moves * Z, axis=1)
+    e = rest / np.maximum(1.0 - own, 1e-12)
+    square = float(rest @ rest)
+    # the others of the set, with the coefficients that the reading no longer moves
+    left = square + 2.0 * e * (moves @ (Z.T @ rest))
+    left += e**2 * (np.sum((moves @ (Z.T @ Z)) * moves, axis=1) - 1.0)
+    floor = 1e-12 * square + 1e-36
+    ratio = (
+        (square + floor) / np.maximum(left, floor) * max(degrees - 1.0, 0.0) / max(degrees, 1.0)
+    )
+    return np.asarray(np.sqrt(ratio))
 
 
 def _deleted(Z: FloatArray, system: System, fit: Fit) -> FloatArray:

@@ -24,7 +24,7 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_engineering, format_length
 from metrosep.machine._bases import Basis, CurveTerm, UnseenTerm, null_sentences
-from metrosep.machine._drift_noise import Fit, rounding_covariance
+from metrosep.machine._drift_noise import Fit, few_readings_covariance, rounding_covariance
 from metrosep.machine._lack_of_fit import lack_of_fit, left_out
 from metrosep.machine._model_choice import (
     factors_of_sets,
@@ -301,7 +301,9 @@ def calibrate(
     frame of the instrument. See `metrosep.machine._bases` for rotary axes. Columns have unit length
     before directions below 1e-5 of the largest are called null (1e-9 in [1]_, which positions that are
     rounded to 1 um would pass). Readings are refused beyond 4
-    standard deviations of what all others, their drift included, predict. Where the noise of a set is stated
+    standard deviations of what all others, their drift included, predict; with few of them beyond the
+    value of Student's t that is as unlikely (33 with 3 degrees of freedom). Where the noise of a set is
+    not stated u is such that 2 u hold 95.45 % by Student's t with the degrees of its set. Where the noise of a set is stated
     and its residuals are larger by more than chance (1 %), all u are raised by the Birge ratio.
 
     References
@@ -375,10 +377,11 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     of_digits = rounding_covariance(
         system.design, system.streams, fit, problem.steps, problem.alike(system)
     )
+    of_few = few_readings_covariance(system.design, system.streams, fit, [s.u for s in sets])
     left = left_out(problem, current, found.good, system, fit)
     spread, k = left.moment.copy(), beta.size
     to_all = system.V / system.sizes[:, None]
-    spread[:k, :k] += to_all @ of_digits @ to_all.T
+    spread[:k, :k] += to_all @ (of_digits + of_few) @ to_all.T
     rest = system.y - system.X @ beta
     residuals, noise, refused, chi2, n_stated = {}, {}, {}, 0.0, 0
     begin = 0

@@ -63,12 +63,69 @@ def test_where_no_curve_is_left_out_u_is_that_of_the_readings():
     assert np.mean(inside) > 0.92
 
 
-@pytest.mark.parametrize("n", [5, 9])
-def test_a_few_readings_of_one_pass_have_a_u(n):
-    """No drift is told from a constant by so few; white noise is."""
+@pytest.mark.parametrize(("n", "student"), [(5, 4.527 / 2.0), (9, 2.517 / 2.0)])
+def test_a_few_readings_of_one_pass_have_a_u(n, student):
+    """No drift is told from a constant by so few; white noise is. Student's t of n - 3 degrees, from a table."""
     term = calibrated(lambda t: 1e-6 * t**2, 1, places=PLACES[:: 40 // (n - 1)], degree=2, runs=1)
     u = term.errors["EXX"].sd(REACH * np.array([0.5, 1.0]))
-    assert np.all((u > 0.3 * NOISE) & (u < 3.0 * NOISE))
+    assert np.all((u > 0.3 * student * NOISE) & (u < 3.0 * student * NOISE))
+
+
+def line_of(y, **more):
+    """The calibration of X by readings at even places, of order 3."""
+    q = {"X": REACH * np.linspace(0.0, 1.0, y.size), "Y": 0.0, "Z": 0.0}
+    line = ReadingSet(Displacement(direction=(1, 0, 0)), q, y, unknown=("offset",), **more)
+    return calibrate(presets("mill_xyz"), [line], terms=["EXX"], degrees=3)
+
+
+def few(seed, n=8):
+    """Places, the error of X there, and its readings with white noise."""
+    t = np.linspace(0.0, 1.0, n)
+    e = 1e-6 * t**2 - 0.4e-6 * t
+    return t, e, e + NOISE * np.random.default_rng([seed, 5]).normal(size=n)
+
+
+def test_eight_readings_with_white_noise_are_all_used_and_their_u_holds():
+    """4 unknowns: by refusing 3 of 8 the rest agreed by chance, and u was 240 times too small."""
+    held, size = [], []
+    for seed in range(40):
+        t, e, y = few(seed)
+        found = line_of(y)
+        assert not any(found.refused.values()), seed
+        u = found.errors["EXX"].sd(REACH * t)[1:]
+        held.append(np.abs(found.errors["EXX"].evaluate(REACH * t) - e)[1:] < 2.0 * u)
+        # the textbook: least squares, the scatter with n - 4 degrees, Student's t of them over 2
+        A = np.vander(t, 4)
+        of_b = np.linalg.inv(A.T @ A) * np.sum((y - A @ np.linalg.lstsq(A, y)[0]) ** 2) / 4.0
+        D = A[1:] - A[0]
+        size.append(u / (2.869 / 2.0 * np.sqrt(np.einsum("ij,jk,ik->i", D, of_b, D))))
+    assert 0.90 < np.mean(held) < 0.995  # 95.45 % of 40 independent sets: +- 3.3 %
+    # a part of the scatter may be an order above 3, which u then holds in place of noise
+    assert np.min(size) > 0.7
+    assert 0.9 < np.median(size) < 1.3
+
+
+@pytest.mark.parametrize(("size", "refused"), [(20e-6, 1), (2e-7, 0)])
+def test_a_gross_reading_of_eight_is_refused_and_two_sigma_is_not(size, refused):
+    for seed in range(3):
+        _, _, y = few(seed)
+        y[3] += size
+        found = line_of(y)
+        assert sum(found.refused.values()) == refused
+        assert np.isnan(found.residuals["displacement"][3]) == bool(refused)
+
+
+def test_a_stated_noise_judges_few_readings_by_itself():
+    """Readings within 4 stated sigma are used, one of 15 is not, and u needs no Student's t."""
+    t, _, y = few(74)
+    found = line_of(y, u=NOISE)
+    assert not any(found.refused.values())
+    y[3] += 15.0 * NOISE
+    assert sum(line_of(y, u=NOISE).refused.values()) == 1
+    A = np.vander(t, 4)
+    D = A[-1] - A[0]
+    u = found.errors["EXX"].sd(REACH)
+    assert u < 1.3 * NOISE * np.sqrt(D @ np.linalg.inv(A.T @ A) @ D)
 
 
 def test_u_is_larger_far_from_the_places():
