@@ -153,7 +153,7 @@ def machine_tables(
     corrects = (
         None if options["corrects"] is None else _names(options["corrects"], "--corrects", None)
     )
-    lacking = {} if grid else _lacking(chain, name, over, corrects, options)
+    lacking = {} if grid else _lacking(chain, name, over, corrects, terms.names, at, options)
     _require_said(chain, over, at, lacking, known, options)
     common: dict[str, Any] = {
         "over": over,
@@ -186,15 +186,21 @@ def _lacking(
     controller: str,
     over: Sequence[str],
     corrects: Sequence[str] | None,
+    names: Sequence[str],
+    at: Mapping[str, float],
     options: Mapping[str, Any],
 ) -> dict[str, str]:
     """Return the facts of a controller that no option states: what names the corrected axis, of each file."""
+    from metrosep.compensation._machine_errors import axes_moved
     from metrosep.controllers.options import APART
 
     found = lacking_facts(controller, options["facts"])
     axes = corrects or [e.name for e in chain.elements if e.kind == "linear" and not e.parked]
-    if len(over) > 2 or len(axes) < 2:
+    if not found or len(over) > 2 or len(axes) < 2:
         return found
+    tool = (0.0, 0.0, 0.0) if options["tool"] is None else point_of(options["tool"])
+    moved = axes_moved(chain, names, axes, over=over, at=at, tool=tool)
+    axes = [a for a in axes if a in moved] or axes
     each = {f"machine {name}=..." for name in APART["compensates"]}
     return {
         option.replace("machine ", f"machine {'-'.join((*over, axis)).lower()}.")

@@ -16,6 +16,7 @@ from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError, TableError
 from metrosep.core.surface import Surface
 from metrosep.machine.chains import Chain
+from metrosep.machine.elements import axis_of
 from metrosep.machine.error_sets import ErrorSet, as_error_set
 
 Vectors = Callable[[Mapping[str, Any]], FloatArray]
@@ -25,6 +26,9 @@ _SINGULAR = 1e-6
 
 _IDLE = 1e-9
 """An axis or a direction whose part is smaller is not there (directions are typed to 1e-9)."""
+
+_UNIT = 1e-6
+"""m or rad: a term of which only what it moves is asked."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,6 +170,51 @@ def positions_by_axis(axes: tuple[str, ...], positions: Any) -> dict[str, Any]:
     if len(listed) != len(axes):
         raise DataError(f"positions hold {len(listed)} arrays for {len(axes)} axes")
     return dict(zip(axes, listed, strict=True))
+
+
+def axes_moved(
+    chain: Chain,
+    names: Sequence[str],
+    corrects: Sequence[str],
+    *,
+    over: Sequence[str],
+    at: Mapping[str, float],
+    tool: ArrayLike,
+) -> set[str]:
+    """Return the axes whose command errors of these terms can change along the looked-up axes.
+
+    A term of a looked-up axis may have any shape along it, any other term is one number there.
+    """
+    linear = {e.name: e.kind == "linear" for e in chain.elements}
+    travel = {e.name: e.travel for e in chain.elements if e.travel is not None}
+
+    def place(axis: str, share: float) -> float:
+        low, high = travel.get(axis, (-0.5, 0.5) if linear[axis] else (-1.0, 1.0))
+        return float(low + share * (high - low))
+
+    stand = {a: at.get(a, place(a, 0.37)) for a in chain.axes if a not in over}
+    found: set[str] = set()
+    for name in names:
+        parts = []
+        for share in (0.13, 0.41, 0.83):  # at no special place
+            q = {**stand, **{a: place(a, share) for a in over}}
+            source = volumetric_source(
+                chain,
+                {name: _UNIT},
+                axes=(),
+                grid=(),
+                at=q,
+                corrects=corrects,
+                tool=tool,
+                exact=False,
+            )
+            parts.append(source.in_axes(q))
+        for axis in parts[0].keys() - found:
+            values = np.array([p[axis] for p in parts])
+            size = np.abs(values).max() if axis_of(name) in over else np.ptp(values)
+            if size > _IDLE * _UNIT:
+                found.add(axis)
+    return found
 
 
 def volumetric_source(

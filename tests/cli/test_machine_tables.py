@@ -730,6 +730,40 @@ def test_what_each_file_of_a_control_needs_is_asked_for_by_its_name(metrosep, st
 
 
 @pytest.mark.parametrize(
+    ("terms", "over", "asked"),
+    [
+        ("x_mm,EXX_um,EYX_um\n0,0,0\n200,1,2\n", "X", "xy"),
+        ("x_mm,ECX_urad\n0,0\n200,4\n", "X", "x"),  # d = theta x r, r = (0, 5, 9) mm
+        ("y_mm,EAY_urad\n0,0\n200,4\n", "Y", "yz"),
+        ("y_mm,EBY_urad\n0,0\n200,4\n", "Y", "x"),
+    ],
+)
+def test_an_axis_that_the_errors_cannot_move_is_not_asked_for(metrosep, stack, terms, over, asked):
+    (stack / "e.csv").write_text(terms)
+    other = "Y" if over == "X" else "X"
+    words = ("--tool", "0 mm,5 mm,9 mm", "--over", over, "--spacing", "50 mm", "--at", f"{other}=0 mm", *CEC[6:])  # fmt: skip
+    code, _, err = metrosep("machine-tables", "stack.toml", "e.csv", *words)
+    assert code == 2
+    for axis in "xyz":
+        assert (f"{over.lower()}-{axis}.output_axis" in err) == (axis in asked)
+
+
+def test_the_axes_that_are_asked_for_are_those_that_get_a_file(metrosep, stack):
+    (stack / "two.csv").write_text("x_mm,EXX_um,EYX_um\n0,0,0\n200,1,0.5\n400,3,-1\n")
+    code, _, err = metrosep(
+        "machine-tables",
+        "stack.toml",
+        "two.csv",
+        *CEC,
+        *EACH[:4],
+        "--machine",
+        "x-y.table_index=1",
+    )
+    assert code == 0, err
+    assert sorted(f.name for f in (stack / "out").glob("*.INI")) == ["x-x.INI", "x-y.INI"]
+
+
+@pytest.mark.parametrize(
     ("facts", "said"),
     [
         (("--machine", "output_axis=AX1"), "--machine x-y.output_axis=..."),
