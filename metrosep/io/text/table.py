@@ -61,7 +61,7 @@ from metrosep.io.text.lines import (
     refuse_quotes,
     unframed,
 )
-from metrosep.io.text.preamble import BEGUN, Preamble, names_a_role
+from metrosep.io.text.preamble import BEGUN, Preamble, names_a_number
 from metrosep.io.text.quality import marked_bad, marker_of
 from metrosep.io.text.times import (
     Entries,
@@ -773,7 +773,7 @@ class TableHead:
         empty = (*self.layout.empty, *[True] * len(self.names))
         labels = (*self.layout.labels, *[False] * len(self.names))
         for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            if k and empty[k] and not labels[k] and unit is None and not names_a_role(name):
+            if empty[k] and not labels[k] and unit is None and not names_a_number(name):
                 yield k
 
 
