@@ -594,7 +594,7 @@ def _prepared(
     """Return the files, each after its own checks, and what their controller adds by their bytes."""
     from metrosep.compensation.from_machine import ZERO
     from metrosep.controllers.files import prepare, simulate
-    from metrosep.controllers.options import split_machine
+    from metrosep.controllers.options import missing_facts, split_machine
     from metrosep.controllers.registry import find
     from metrosep.core.errors import WriteError
     from metrosep.core.units import format_length
@@ -608,6 +608,24 @@ def _prepared(
             raise click.UsageError(
                 f"--machine {fact}: there is no file {stem}; there are {', '.join(stems.values())}"
             )
+    facts_of = {
+        key: {
+            k.replace("-", "_"): v
+            for (own, _, k), v in sorted(
+                ((k.rpartition("."), v) for k, v in given), key=lambda named: bool(named[0][0])
+            )
+            if own.lower() in ("", stem)
+        }
+        for key, stem in stems.items()
+    }
+    asked = {  # of the files that are written
+        f"machine {stems[key]}.{o.name}=...": f"{o.name}: {o.help}"
+        for key, (_, _, size) in wanted.items()
+        if size >= ZERO
+        for o in missing_facts(facts_of[key], dialect.options)
+    }
+    if asked:
+        raise missing_options([*asked], None, *dict.fromkeys(asked.values()))
     ready: list[Prepared] = []
     lookups: dict[tuple[tuple[str, ...], str], Callable[..., Any]] = {}
     stated: dict[str, dict[str, Any]] = {}
@@ -633,12 +651,7 @@ def _prepared(
                     f"{named}: the error of {format_length(size, digits=3)} P-V is nothing at every node, "
                     "so the table holds none of it; give other positions or a finer spacing"
                 )
-            own = [(k.rpartition("."), v) for k, v in given]
-            facts: dict[str, Any] = {
-                k.replace("-", "_"): v
-                for (stem, _, k), v in sorted(own, key=lambda named: bool(named[0][0]))
-                if stem.lower() in ("", stems[key])
-            }
+            facts: dict[str, Any] = facts_of[key]
             stated[stems[key]] = {
                 "axis": key[0],
                 "compensates": key[1],
