@@ -741,3 +741,18 @@ def test_one_unit_for_all_is_not_that_of_counts(put):
         open_stream(put(f"x_counts;kCounts;z_counts\n{rows}"), unit="um")
     with open_stream(put(f"x;zinc;z_counts\n{rows}"), unit="um") as stream:
         assert [u and u.name for u in stream.units.values()] == ["um", "um", None]
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [[*range(20), *range(22, 30), *range(33, 40, 3)], [*range(20), 19, *range(20, 30)],
+     [10 * k for k in range(30)]],
+    ids=["many gaps", "a step back", "every tenth"],
+)  # fmt: skip
+def test_numbers_of_rows_are_no_positions_in_the_message_about_a_step(put, numbers):
+    path = put("n,z_um\n" + "".join(f"{n},{k % 7}.5\n" for k, n in enumerate(numbers)))
+    with pytest.raises(ms.errors.FormatMismatchError, match="'n' seems to number") as refused:
+        ms.read(path, lateral_step="1 um")
+    assert "z='z_um'" in str(refused.value)
+    profile = ms.read(path, lateral_step="1 um", z="z_um")
+    assert profile.x[-1] == pytest.approx((len(numbers) - 1) * 1e-6, abs=1e-15)

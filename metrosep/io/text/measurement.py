@@ -557,6 +557,12 @@ class _Made:
                 f"{shown_columns(table.names)}"
             )
         if x is not None and steps is not None:
+            column, own = pick(file, table, x, role="x")
+            if own is None and role_of(column.name) == "index":
+                raise self.mismatch(
+                    f"column {column.name!r} seems to number the rows, but not one by one, so that lateral_step does "
+                    f"not tell where they lie; give z={z!r} {AS_THEY_FOLLOW}, or correct that column"
+                )
             raise self.mismatch(
                 "the file holds positions, so lateral_step cannot replace them; leave it out"
             )
