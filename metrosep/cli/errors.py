@@ -43,12 +43,10 @@ _PLACES = ("x", "y", "z")
 """Options whose names a message also uses for a place in m."""
 
 
-def _machine_facts() -> set[str]:
-    """Return the names that ``--machine NAME=VALUE`` takes, of all controllers."""
-    from metrosep.controllers.options import LIMIT_NAMES
-    from metrosep.controllers.registry import describe, find
-
-    return {*LIMIT_NAMES, *(o.name for d in describe() for o in find(d.id).options)}
+_ASKS = re.compile(
+    r"\b(?:give|say|state|set|choose|use|take|declare) $|\b(?:write|make|choose)\b[^;:.]* with $"
+)
+"""Words before ``name=value`` that ask for it; behind other words it is what is so."""
 
 
 def _place(name: str, number: str) -> str:
@@ -60,8 +58,10 @@ def _place(name: str, number: str) -> str:
         return f"{name}={number}"
 
 
-def as_options(message: str, names: Collection[str]) -> str:
+def as_options(message: str, names: Collection[str], facts: Collection[str] = ()) -> str:
     """Return a message of the library with its arguments written as options of a command.
+
+    Those of `facts` are written as ``--machine NAME=VALUE``, where the sentence asks for them.
 
     Notes
     -----
@@ -73,12 +73,26 @@ def as_options(message: str, names: Collection[str]) -> str:
     >>> as_options("give scale='2.5 um/V', or decimal=", ("scale", "decimal"))
     'give --scale "2.5 um/V", or --decimal'
     """
-    takes_facts = "facts" in names or ("machine" in names and {"waive", "against"} & {*names})
-    facts = _machine_facts() if takes_facts else ()
+    asked = -1  # end of the last fact that was asked for: "or" and "and" go on asking
+
+    def fact(found: re.Match[str], value: str | None) -> str:
+        nonlocal asked
+        before = found.string[: found.start()]
+        goes_on = asked >= 0 and found.string[asked : found.start()].strip(" ,") in (
+            "and",
+            "or",
+            "",
+        )
+        if value and not goes_on and not _ASKS.search(before):
+            return found.group()
+        asked = found.end()
+        return f'--machine "{found.group(1)}={value or "..."}"'
 
     def option(found: re.Match[str]) -> str:
         before = found.string[: found.start()]
-        if re.search(r"\w\([^()]*$", before):  # a call of Python
+        if re.search(
+            r"\w\([^()]*$|--machine \"?$", before
+        ):  # a call of Python, or written already
             return found.group()
         if found.group(1) in _PLACES and before.endswith("at ") and found.group(4):
             return _place(found.group(1), found.group(4))
@@ -89,9 +103,7 @@ def as_options(message: str, names: Collection[str]) -> str:
         if "settings" in names and found.group(1) in _READER_OPTIONS - set(names):
             return f'--set "{found.group(1)}={value or "..."}"'
         if found.group(1) not in names:
-            if found.group(1) in facts:
-                return f'--machine "{found.group(1)}={value or "..."}"'
-            return found.group()
+            return fact(found, value) if found.group(1) in facts else found.group()
         if value and not re.fullmatch(r"[\w.+:-]+", value):
             value = f'"{value}"'
         name = found.group(1).replace("_", "-")
@@ -140,6 +152,7 @@ def report_error(
     *,
     verbosity: int,
     names: Collection[str] = (),
+    facts: Collection[str] = (),
     words: Callable[[str], str] | None = None,
 ) -> int:
     """Print one line about an error and return the exit code."""
@@ -158,6 +171,6 @@ def report_error(
     elif is_standard_output(error):
         line = f"standard output cannot be written ({getattr(error, 'strerror', error)}); send it elsewhere"
     else:
-        line = as_options(str(error), names) if words is None else words(str(error))
+        line = as_options(str(error), names, facts) if words is None else words(str(error))
     print("error: " + " ".join(line.split()), file=sys.stderr)
     return code

@@ -588,7 +588,7 @@ def _prepared(
     """Return the files, each after its own checks, and what their controller adds by their bytes."""
     from metrosep.compensation.from_machine import ZERO
     from metrosep.controllers.files import prepare, simulate
-    from metrosep.controllers.options import split_machine
+    from metrosep.controllers.options import missing_facts, split_machine
     from metrosep.controllers.registry import find
     from metrosep.core.errors import WriteError
     from metrosep.core.units import format_length
@@ -602,6 +602,24 @@ def _prepared(
             raise click.UsageError(
                 f"--machine {fact}: there is no file {stem}; there are {', '.join(stems.values())}"
             )
+    facts_of = {
+        key: {
+            k.replace("-", "_"): v
+            for (own, _, k), v in sorted(
+                ((k.rpartition("."), v) for k, v in given), key=lambda named: bool(named[0][0])
+            )
+            if own.lower() in ("", stem)
+        }
+        for key, stem in stems.items()
+    }
+    asked = {  # of the files that are written
+        f"machine {stems[key]}.{o.name}=...": f"{o.name}: {o.help}"
+        for key, (_, _, size) in wanted.items()
+        if size >= ZERO
+        for o in missing_facts(facts_of[key], dialect.options)
+    }
+    if asked:
+        raise missing_options([*asked], None, *dict.fromkeys(asked.values()))
     ready: list[Prepared] = []
     lookups: dict[tuple[tuple[str, ...], str], Callable[..., Any]] = {}
     stated: dict[str, dict[str, Any]] = {}
@@ -627,12 +645,7 @@ def _prepared(
                     f"{named}: the error of {format_length(size, digits=3)} P-V is nothing at every node, "
                     "so the table holds none of it; give other positions or a finer spacing"
                 )
-            own = [(k.rpartition("."), v) for k, v in given]
-            facts: dict[str, Any] = {
-                k.replace("-", "_"): v
-                for (stem, _, k), v in sorted(own, key=lambda named: bool(named[0][0]))
-                if stem.lower() in ("", stems[key])
-            }
+            facts: dict[str, Any] = facts_of[key]
             stated[stems[key]] = {
                 "axis": key[0],
                 "compensates": key[1],
@@ -668,14 +681,20 @@ def _require_apart(dialect: Any, files: Mapping[str, Mapping[str, Any]]) -> None
     *before, last = files
     for role, names in APART.items():
         for option in (o for o in dialect.options if o.name in names):
-            own = str(files[last].get(option.name, option.default))
+            own = _as_read(option, files[last], dialect.info.id)
             for stem in before:
-                there = str(files[stem].get(option.name, option.default))
-                if own == there != "None" and files[stem][role] != files[last][role]:
+                there = _as_read(option, files[stem], dialect.info.id)
+                if own == there is not None and files[stem][role] != files[last][role]:
                     raise click.UsageError(
                         f"{stem} and {last} have the same {option.name}, {own}: the control would take one for "
                         f"the other ({option.help}); state it of each, --machine {last}.{option.name}=..."
                     )
+
+
+def _as_read(option: Any, facts: Mapping[str, Any], controller: str) -> Any:
+    """Return a fact as the control reads it: 00 is 0, and names are the same in capitals or not."""
+    value = option.checked(facts.get(option.name, option.default), controller)
+    return value.upper() if isinstance(value, str) else value
 
 
 def _in_one_file(dialect: Any, ready: list[Prepared], keys: Iterable[Any], folder: Path) -> Any:

@@ -380,7 +380,9 @@ def main(arguments: list[str] | None = None) -> Any:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     words = _global_first(sys.argv[1:] if arguments is None else arguments)
-    told: dict[str, Any] = {}  # holds "words" where a command has words of its own
+    told: dict[
+        str, Any
+    ] = {}  # "words" where a command has its own, "facts" that its --machine takes
     if not words and "_METROSEP_COMPLETE" not in os.environ:
         context = cli.make_context("metrosep", [], resilient_parsing=True)
         click.echo(context.get_help(), err=True)
@@ -410,5 +412,6 @@ def main(arguments: list[str] | None = None) -> Any:
         if is_standard_output(exc):
             _give_up_standard_output()
         names, verbosity = _parameters(words), _verbosity(words)
-        sys.exit(report_error(exc, verbosity=verbosity, names=names, words=told.get("words")))
+        how = {"facts": told.get("facts", ()), "words": told.get("words")}
+        sys.exit(report_error(exc, verbosity=verbosity, names=names, **how))
     sys.exit(code if isinstance(code, int) else 0)

@@ -30,6 +30,7 @@ __all__ = [
     "missing_options",
     "name_values",
     "named_options",
+    "note_facts",
     "option_words",
     "optional_read_options",
     "override_option",
@@ -388,12 +389,25 @@ def lacking_facts(controller: str, given: Iterable[str]) -> dict[str, str]:
     from metrosep.controllers.options import missing_facts
     from metrosep.controllers.registry import find
 
+    note_facts(controller)
     known = {
         k.rpartition(".")[2].replace("-", "_"): v
         for k, v in name_values(tuple(given), "--machine")
     }
     lacking = missing_facts(known, find(controller).options)
     return {f"machine {o.name}=...": f"{o.name}: {o.help}" for o in lacking}
+
+
+def note_facts(controller: str) -> None:
+    """Keep what ``--machine`` takes for a controller, in whose words messages of this call are written."""
+    from metrosep.controllers.options import LIMIT_NAMES
+    from metrosep.controllers.registry import find
+
+    context = click.get_current_context(silent=True)
+    told = None if context is None else context.obj
+    if told is not None:
+        own = (*LIMIT_NAMES, *(o.name for o in find(controller).options))
+        told["facts"] = {*told.get("facts", ()), *own}
 
 
 def missing_options(missing: Sequence[str], file: str | None, *hints: str) -> click.UsageError:

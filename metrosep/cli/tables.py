@@ -21,6 +21,7 @@ from metrosep.cli.options import (
     lacking_facts,
     missing_options,
     name_values,
+    note_facts,
     optional_read_options,
     phase,
     read_aloud,
@@ -531,6 +532,7 @@ def verify(
     path = Path(table_file)
     sidecar = load_sidecar(path)
     name = format_ or _controller_of(path, sidecar)
+    note_facts(name)
     known = {k.replace("-", "_"): v for k, v in name_values(machine, "--machine")}
     ends = {k: known.pop(k, None) for k in ("travel_low", "travel_high")}
     loaded = controllers.read(path, name, **known)
@@ -584,11 +586,11 @@ def verify(
             say(f"table {loaded.headline}")
         print_verification(found)
         for finding in getattr(result, "findings", ()):
-            say(f"warning: {path}: {finding.problem}")
+            say(f"warning: {path}: {_typed(finding.problem)}")
     try:
         result.require(str(path))
     except TableError as exc:
-        say("error: " + re.sub(r"; nothing was written.*", "", str(exc)))
+        say("error: " + _typed(re.sub(r"; nothing was written.*", "", str(exc))))
         return exit_code_of(exc)
     return 0
 
@@ -711,7 +713,6 @@ def read_runs_of(files: Sequence[str], options: dict[str, Any], *, angles: bool 
 
 def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False) -> None:
     """Print the dry-run of a table and every warning that its sidecar holds, of each column of a file."""
-    from metrosep.cli.errors import as_options
     from metrosep.controllers.base import columns_in
     from metrosep.controllers.safety import sidecar_warnings
 
@@ -726,8 +727,15 @@ def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False)
         print_verification(numbers)
     for found in sidecar_warnings(made):
         waived = f" (accepted with --waive {found['check']})" if found["waived"] else ""
-        way = as_options(f"; {found['fix']}", ("active",)) if found["fix"] else ""
-        say(f"warning: {path}: {found['problem']}{waived}{way}")
+        way = f"; {found['fix']}" if found["fix"] else ""
+        say(f"warning: {path}: {_typed(found['problem'] + waived + way, 'active')}")
+
+
+def _typed(message: str, *names: str) -> str:
+    """Return a message with facts of the machine, and some options, as they are typed."""
+    from metrosep.cli.errors import as_options
+
+    return as_options(message, names, (click.get_current_context().obj or {}).get("facts", ()))
 
 
 def print_verification(verification: dict[str, Any]) -> None:

@@ -530,8 +530,7 @@ def _beyond(there: _There | None) -> tuple[list[Reason], list[str]]:
     text = (
         f"the runs reach from {there.stack.units.place(there.low)} to {there.stack.units.place(there.high)}, beyond the "
         f"table, and what the controller does there makes it worse: {worse}; make the table as long "
-        "as the travel, or state the travel that is used with travel_low= and travel_high= (command "
-        "line: --machine travel_low=, --machine travel_high=)"
+        "as the travel, or state the travel that is used with travel_low= and travel_high="
     )
     return ([Reason("refused", "coverage", text)], []) if much else ([], [text])
 

@@ -62,8 +62,7 @@ def settled(
         if value is None and (name in needed or (option.required and not partial)):
             forms = " or ".join(f"{name}={c}" for c in option.choices) or f"{name}="
             raise DataError(
-                f"{path}: neither the file nor a sidecar states {name} ({option.help}); give {forms} "
-                f"as a keyword, or --machine {name}=... on the command line"
+                f"{path}: neither the file nor a sidecar states {name} ({option.help}); give {forms}"
             )
         if value is not None or not partial:
             found[name] = option.default if value is None else value

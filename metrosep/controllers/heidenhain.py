@@ -347,10 +347,7 @@ def _chosen(file: _File, wanted: str | None, path: Path) -> str:
         return wanted or file.targets[0]
     names = ", ".join(file.targets)
     if wanted is None:
-        raise DataError(
-            f"{path}: it has a column for each of {names}; choose one with column= (--machine "
-            f"column={file.targets[-1]} on the command line)"
-        )
+        raise DataError(f"{path}: it has a column for each of {names}; choose one with column=")
     raise NameNotFoundError(f"{path}: it has no column {wanted!r}; there are {names}")
 
 

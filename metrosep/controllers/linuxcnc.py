@@ -220,8 +220,8 @@ class LinuxCNC(Dialect):
         ):
             raise DataError(
                 f"{path}: the file has no sidecar, and its numbers no unit; give linear_units=mm or "
-                "linear_units=inch, [TRAJ]LINEAR_UNITS of the INI file (joint_type=angular for an axis that "
-                "turns) as a keyword, or --machine linear_units=mm on the command line"
+                "linear_units=inch, [TRAJ]LINEAR_UNITS of the INI file (give joint_type=angular for an axis "
+                "that turns)"
             )
         unit, _ = _unit(known)
         forward, reverse = (table[:, 0] - table[:, 1]) * unit, (table[:, 0] - table[:, 2]) * unit

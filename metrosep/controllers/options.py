@@ -232,10 +232,7 @@ def checked_options(
     missing = missing_facts(given, known)
     if missing and not partial:
         asked = "; ".join(f"{o.name}= ({o.help})" for o in missing)
-        raise DataError(
-            f"{controller} cannot be written without {asked}; give it as a keyword, or with "
-            f"--machine {missing[0].name}=... on the command line"
-        )
+        raise DataError(f"{controller} cannot be written without {asked}")
     result = {}
     for option in known:
         value = given.get(option.name)

@@ -386,8 +386,8 @@ def machine_limits(output: Mapping[str, Any], place: Place) -> dict[str, Any]:
         checked = checked_options(options, dialect.options, name)
         return {**{k: checked[k] for k in options}, **checked_limits(limits, name)}
     except DataError as exc:
-        text, _, way = str(exc).partition("; give it as a keyword")
-        if way:
+        text = str(exc)
+        if " cannot be written without " in text:
             text += ': write machine = { NAME = "..." }'
         named = text.startswith("unknown machine")
         raise place.error(text if named else f"machine {text}", "machine") from None

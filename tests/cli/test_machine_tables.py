@@ -733,11 +733,17 @@ def test_what_each_file_of_a_control_needs_is_asked_for_by_its_name(metrosep, st
     ("facts", "said"),
     [
         (("--machine", "output_axis=AX1"), "--machine x-y.output_axis=..."),
+        (
+            EACH[:2],
+            "'--machine x-y.output_axis=...' and '--machine x-z.output_axis=...'; output_axis: ",
+        ),
         (EACH, "--machine x-y.table_index=..."),
+        ((*EACH, *APART, "--machine", "x-y.output_axis=ax1"), "--machine x-y.output_axis=..."),
+        ((*EACH, *APART, "--machine", "x-y.table_index=00"), "--machine x-y.table_index=..."),
     ],
 )
 def test_files_that_a_control_would_take_for_one_another_are_refused(metrosep, stack, facts, said):
-    """All three correcting AX1, or each replacing table 0 as it is loaded: every file alone would be right."""
+    """All three correcting AX1, or each replacing table 0 as it is loaded: every file alone would be right; two with no axis named."""
     code, _, err = metrosep(*CALL, *CEC, *facts)
     assert code == 2
     assert said in err

@@ -496,7 +496,7 @@ def test_verify_judges_the_travel_that_is_stated_as_its_refusal_asks(metrosep, t
 
     code, _, err = metrosep(*call)
     assert code == 1
-    assert "--machine travel_high=" in err
+    assert '--machine "travel_low=..." and --machine "travel_high=..."' in err
 
     assert metrosep(*call, "--machine", "travel_high=40 mm")[0] == 0
     code, _, err = metrosep(*call, "--machine", "travel_high=40")
