@@ -22,7 +22,7 @@ from metrosep.core.units import Unit, likely_meaning, parse_sensitivity, parse_u
 from metrosep.io.own_notes import is_marked
 from metrosep.io.several_runs import BLOCKS, FoundRuns
 from metrosep.io.source import RawFile
-from metrosep.io.text.dialect import encoding_hint, find_column, header_unit
+from metrosep.io.text.dialect import encoding_hint, find_column, header_unit, holds_counts
 from metrosep.io.text.encoding import ROLE_WORDS, Role
 from metrosep.io.text.table import Column, Table
 from metrosep.io.text.times import LONG_AGO_S, written_moments
@@ -357,7 +357,7 @@ def to_si(
         raise UnitError(
             f"{file.path}: the unit of column {column.name!r} ({role}) is not known: {odd}"
         )
-    if unit is None and _COUNTS.search(column.name):
+    if unit is None and holds_counts(column.name):
         raise UnitError(
             f"{file.path}: column {column.name!r} ({role}) holds counts, which are not a {dimension}; multiply them by "
             f"what one count is, and write the column in {_usual(dimension)}"
@@ -418,12 +418,6 @@ def since_first_row(
         f"{unit.name}"
     )
     return since, said, Decimal(first) * Decimal(repr(unit.factor))
-
-
-_COUNTS = re.compile(
-    r"(?:^|[\s_\[(])(?:counts?|cts|incs?|increments?|inkremente?|pulses?|impulse?)\s*[\])]?$",
-    re.IGNORECASE,
-)
 
 
 def sensitivity(scale: float | str | None) -> float | None:

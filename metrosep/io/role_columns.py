@@ -67,15 +67,13 @@ def read_roles(
     warnings: list[str] = []
     columns: dict[str, tuple[str, ...]] = {}
     units: dict[str, str] = {}
-    zeros: dict[
-        str, Decimal | None
-    ] = {}  # of times that count from a date, of which a float loses digits
+    zero: Decimal | None = None  # of all times that count from a date, whose digits a float loses
     for path in files:
         given = {k: v for k, v in layout.items() if v is not None}
         file, table, format_id = columns_of(open_file(path), given)
         for name, role in roles.items():
             if role.dimension == "time" and not isinstance(role.column, list):
-                table, zeros[name] = from_first_row(file, table, role.column, zeros.get(name))
+                table, zero = from_first_row(file, table, role.column, zero)
             parts[name].append(role_values(file, table, role, name=name))
             columns[name] = _names(file, table, role, name)
             if role.dimension == "position":

@@ -361,7 +361,7 @@ def from_first_row(
     since, said, first = dated
     if zero is not None:
         since = since + float(first - zero) / unit.factor
-        said = f"{said}, {float(first - zero):g} s behind that of the first file, from which all are counted"
+        said = f"{said}, {float(first - zero):g} s behind the first such moment, from which all are counted"
     columns = tuple(replace(c, values=since) if c is column else c for c in table.columns)
     return replace(table, columns=columns, warnings=(*table.warnings, said)), zero or first
 

@@ -81,7 +81,8 @@ class MaskedPsd:
         Share of the density along each that is left at least: of a closed hole the waves shorter than a
         few widths lose up to four times its share of the window's square.
     added : tuple of ndarray, m^3
-        Density along each that closing may have put there: what closing as many known pixels does.
+        Density along each that the holes may have put there: what closing as many known pixels does, or
+        what the edges of the omitted ones leave.
     holes : {"omitted", "closed", "closed up to 50 pixels", "closed where their edges would leak"}
         What became of them; larger ones were omitted, and so were all at other frequencies.
     estimate : {"heights", "slopes"}

@@ -124,3 +124,20 @@ def test_a_time_that_counts_from_a_date_keeps_its_digits_over_two_files(tmp_path
     expected = [k + n * 1e-6 for k in range(2) for n in range(6)]
     np.testing.assert_allclose(found.values["time"], expected, rtol=0, atol=1e-12)
     assert sum("counts from a date" in w for w in found.warnings) == 2
+
+
+def test_times_of_two_roles_that_count_from_a_date_have_one_zero(tmp_path):
+    """Each row ends 4.75 s after it began, in every file."""
+    for k in range(2):
+        rows = "".join(
+            f"{1790000000 + 100 * k + 10 * n}.5,{1790000005 + 100 * k + 10 * n}.25\n"
+            for n in range(4)
+        )
+        (tmp_path / f"{k}.csv").write_text("start_s,end_s\n" + rows)
+    roles = {"start": Role("start_s", "time"), "end": Role("end_s", "time")}
+
+    found = read_roles([tmp_path / "0.csv", tmp_path / "1.csv"], roles).values
+
+    starts = [100.0 * k + 10.0 * n for k in range(2) for n in range(4)]
+    np.testing.assert_allclose(found["start"], starts, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found["end"] - found["start"], 4.75, rtol=0, atol=1e-9)

@@ -393,7 +393,7 @@ def test_files_whose_clocks_count_from_a_date_keep_their_distance(tmp_path, orde
     apart = 3600.000007 * (1 if order == (0, 1) else -1)
     np.testing.assert_allclose(runs.runs[0].t, np.arange(50) * 0.01, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(runs.runs[1].t, apart + np.arange(50) * 0.01, rtol=0.0, atol=1e-9)
-    assert any("behind that of the first file" in w for w in runs.metadata["warnings"])
+    assert any("behind the first such moment" in w for w in runs.metadata["warnings"])
 
 
 def test_a_sampling_rate_is_refused_for_a_run_whose_rows_number_themselves_with_a_gap(

@@ -280,3 +280,26 @@ def test_time_that_is_counted_by_rows_is_refused_where_their_own_numbers_have_a_
     with open_stream(path, sampling_rate="1 kHz") as stream:  # every tenth is no gap
         assert sum(part["z_um"].size for part in stream.chunks(100)) == 600
     assert stream.warnings == ()
+
+
+@pytest.mark.parametrize("block", [2**22, 20_000], ids=["one block", "many blocks"])
+def test_a_late_word_refuses_only_the_channel_in_which_it_stands(tmp_path, monkeypatch, block):
+    """`read` takes that file: x and z have a number in every row."""
+    monkeypatch.setattr(text_table, "_BLOCK", block)
+    path = tmp_path / "late.csv"
+    rows = [f"{k / 1000:.3f},{k % 7}.5,{'chatter' if k == 3200 else ''}" for k in range(6000)]
+    path.write_text("\n".join(["t_s,z_um,remark", *rows]) + "\n")
+    whole = ms.read(path)
+    for names in (["z_um"], ["t_s", "z_um"]):
+        with open_stream(path, channels=names) as stream:
+            parts = list(stream.chunks(1000))
+        found = np.concatenate([part["z_um"] for part in parts])
+        np.testing.assert_array_equal(found, whole.channels["z_um"])
+        assert stream.warnings.count("column 'remark' holds words and is not read in chunks") == 1
+    with open_stream(path) as stream:
+        if block == 2**22:  # seen before the first row was given
+            assert stream.channels == ("t_s", "z_um")
+            assert sum(part["z_um"].size for part in stream.chunks(1000)) == 6000
+        else:
+            with pytest.raises(ms.errors.CorruptFileError, match=r"channels=\['t_s', 'z_um'\]"):
+                list(stream.chunks(1000))

@@ -713,11 +713,46 @@ def test_a_column_with_the_name_of_a_number_that_counts_no_rows_stays(put, colum
     assert read.channels["N"].tolist() == column
 
 
-@pytest.mark.parametrize("name", ["probe_counts", "z [counts]", "Taster (Impulse)", "z_inc"])
-def test_counts_are_not_offered_as_micrometres(put, name):
+@pytest.mark.parametrize("unit", [None, "um"])
+@pytest.mark.parametrize(
+    "name",
+    ["probe_counts", "z [counts]", "Taster (Impulse)", "z_inc", "z.counts", "z-counts", "zCounts",
+     "z_ticks", "z_digits", "z (LSB)"],
+)  # fmt: skip
+def test_counts_are_not_offered_as_micrometres(put, name, unit):
     path = put(f"x_mm;{name}\n" + "".join(f"{k};{k * k % 7}\n" for k in range(9)))
 
     with pytest.raises(ms.errors.UnitError, match="holds counts") as refused:
-        ms.read(path)
+        ms.read(path, unit=unit)
     assert "unit=" not in str(refused.value)
     assert "'um'" not in str(refused.value)
+
+
+def test_one_unit_for_all_is_not_that_of_counts(put):
+    """Whoever knows that a count is 1 um says so of that column."""
+    rows = "".join(f"{k};{k};{k * k % 7}\n" for k in range(9))
+    both = put(f"x_counts;load_N;z_counts\n{rows}")
+    for unit in ("um", "mm"):
+        with pytest.raises(ms.errors.UnitError, match="holds counts"):
+            ms.read(both, x="x_counts", z="z_counts", unit=unit)
+    named = ms.read(both, x="x_counts:mm", z="z_counts:um")
+    assert (named.x[-1], named.z[3]) == pytest.approx((8e-3, 2e-6), abs=1e-15)
+    with pytest.raises(ms.errors.UnitError, match="counts, which are not in um"):
+        open_stream(put(f"x_counts;kCounts;z_counts\n{rows}"), unit="um")
+    with open_stream(put(f"x;zinc;z_counts\n{rows}"), unit="um") as stream:
+        assert [u and u.name for u in stream.units.values()] == ["um", "um", None]
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [[*range(20), *range(22, 30), *range(33, 40, 3)], [*range(20), 19, *range(20, 30)],
+     [10 * k for k in range(30)]],
+    ids=["many gaps", "a step back", "every tenth"],
+)  # fmt: skip
+def test_numbers_of_rows_are_no_positions_in_the_message_about_a_step(put, numbers):
+    path = put("n,z_um\n" + "".join(f"{n},{k % 7}.5\n" for k, n in enumerate(numbers)))
+    with pytest.raises(ms.errors.FormatMismatchError, match="'n' seems to number") as refused:
+        ms.read(path, lateral_step="1 um")
+    assert "z='z_um'" in str(refused.value)
+    profile = ms.read(path, lateral_step="1 um", z="z_um")
+    assert profile.x[-1] == pytest.approx((len(numbers) - 1) * 1e-6, abs=1e-15)

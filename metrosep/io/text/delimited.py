@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import AmbiguousFormatError, ReadError
+from metrosep.core.errors import AmbiguousFormatError, CorruptFileError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
@@ -32,6 +32,7 @@ from metrosep.io.own_notes import is_marked
 from metrosep.io.registry import BuiltIn, demand, sniffer
 from metrosep.io.source import HEAD_BYTES, RawFile
 from metrosep.io.text._compiled import Stamps
+from metrosep.io.text._rows import Block
 from metrosep.io.text.dialect import (
     NO_READING,
     Layout,
@@ -203,8 +204,23 @@ class TextSource:
         places = range(len(head.names))
         dated = {k for k in places if any(head.layout.dated[k : k + 1])}
         words = {k for k in places if any(head.layout.labels[k : k + 1])}
+        self._late: set[int] = set()  # columns of which the first word stands far below
         self._days, self._clocks = self._moments(dated)
-        self._kept = [k for k in places if k not in words or k in self._clocks]
+        self._keep([k for k in places if k not in words or k in self._clocks])
+        self.n_samples = None
+        self.warnings: tuple[str, ...] = ()
+        self.row_gap = ""  # where the rows that were given so far number themselves with a gap
+        self.lines: Mapping[str, Any] = {}
+        self._left = [
+            _left_out(head.names[k]) for k in sorted(words - self._clocks.keys() - {self._days})
+        ]
+        self.time_step = self._step()
+        self._keep([k for k in self._kept if k not in self._late])
+
+    def _keep(self, places: list[int]) -> None:
+        """Take some columns as channels."""
+        head = self._source.head
+        self._kept = places
         second = parse_unit("s")
         self._columns = [
             Column(head.names[k], second if k in self._clocks else head.units[k], None)
@@ -214,15 +230,6 @@ class TextSource:
         self.labels: Mapping[str, str] = {
             c.name: c.unit.name if c.unit is not None else "" for c in self._columns
         }
-        self.n_samples = None
-        self.warnings: tuple[str, ...] = ()
-        self.row_gap = ""  # where the rows that were given so far number themselves with a gap
-        self.lines: Mapping[str, Any] = {}
-        self._left = tuple(
-            f"column {head.names[k]!r} holds words and is not read in chunks"
-            for k in sorted(words - self._clocks.keys() - {self._days})
-        )
-        self.time_step = self._step()
 
     def _moments(self, dated: set[int]) -> tuple[int | None, dict[int, str]]:
         """Return the column of days beside a time of day, and the columns of moments with their names."""
@@ -245,17 +252,47 @@ class TextSource:
         """Yield the numbers of the columns, and the line of each row; a time that is not asked for is NaN."""
         asked = {k for k, c in zip(self._kept, self._columns, strict=True) if c.name in names}
         clocks = {k: RunningClock(where) for k, where in self._clocks.items() if k in asked}
-        for block in self._source.blocks():
+        for block in self._blocks(asked):
             days = None if self._days is None else _moment_texts(block.columns[self._days])
             columns = [
                 clocks[k].seconds(_moment_texts(block.columns[k]), block.lines, days)
                 if k in clocks
                 else np.full(block.lines.size, np.nan)
-                if k in self._clocks
+                if k in self._clocks or k in self._late
                 else np.asarray(block.columns[k])
                 for k in self._kept
             ]
             yield np.column_stack(columns), block.lines
+
+    def _blocks(self, asked: set[int]) -> Iterator[Block]:
+        """Yield the rows; a first word far below the first rows refuses a column only where it is asked for."""
+        n_given = 0
+        while True:
+            above = n_given
+            try:
+                for block in self._source.blocks():
+                    new = block.lines[above:]
+                    if new.size:
+                        yield Block([c[above:] for c in block.columns], new) if above else block
+                    above = max(above - block.lines.size, 0)
+                    n_given += new.size
+            except CorruptFileError as refused:
+                if (k := self._source.words_in) is None:
+                    raise
+                if k in asked:
+                    others = [n for i, n in zip(self._kept, self._names, strict=True) if i != k]
+                    raise self._file.corrupt(
+                        refused.reason,
+                        field=refused.field,
+                        expected=refused.expected,
+                        found=refused.found,
+                        hint=f"correct that line, or read the channels without it: channels={others}",
+                    ) from None
+                self._source.take_words(k)
+                self._late.add(k)
+                self._left.append(_left_out(self._source.head.names[k]))
+            else:
+                return
 
     def _step(self) -> float | None:
         """Return the interval of a column of time that is uniform in the first rows, in s."""
@@ -264,10 +301,8 @@ class TextSource:
             for k, c in enumerate(self._columns)
             if c.unit is not None and c.unit.dimension == "time"
         ]
-        if not timed:
-            return None
-        try:
-            rows, _ = next(self._rows(self._names))
+        try:  # also without a time: a column with a first word in these rows is no channel
+            rows, _ = next(self._rows([self._names[k] for k, _ in timed]))
         except AmbiguousFormatError:  # said when that time is read
             return None
         for k, factor in timed:
@@ -327,6 +362,10 @@ class TextSource:
 
 
 _EMPTY = np.empty(0)
+
+
+def _left_out(name: str) -> str:
+    return f"column {name!r} holds words and is not read in chunks"
 
 
 def _moment_texts(texts: Any) -> Sequence[str]:

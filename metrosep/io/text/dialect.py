@@ -288,6 +288,18 @@ def is_other_unit(field: str) -> bool:
     return (match.group(1) if match else text) in _OTHER_UNITS
 
 
+_COUNTS = re.compile(
+    r"(?:^|(?-i:(?<=[a-z])(?=[A-Z]))|[\W\d_])(?:counts?|cts|incs?|inkr|increments?|inkremente?|pulses?|"
+    r"impulse?|ticks?|digits?|lsbs?)\d*[\s.\])>}]*$",
+    re.IGNORECASE,
+)
+
+
+def holds_counts(name: str) -> bool:
+    """Return whether the name of a column without a unit says that it holds counts: z_counts, zCounts, z (LSB)."""
+    return _COUNTS.search(name) is not None
+
+
 def header_unit(header: str) -> tuple[str, Unit | None]:
     """Return the bare name of a column and the unit that its header declares.
 

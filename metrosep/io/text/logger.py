@@ -30,7 +30,7 @@ from metrosep.core.recording import Recording
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.objects import SI_NAMES
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.text.dialect import MISSING, is_number
+from metrosep.io.text.dialect import MISSING, holds_counts, is_number
 from metrosep.io.text.encoding import decode
 
 __all__ = [
@@ -133,7 +133,13 @@ def with_units(file: RawFile, labels: Mapping[str, str], unit: Any) -> dict[str,
                 f"{file.path}: every channel states a unit of its own ({shown}), so one for all cannot be "
                 "given; declare those that metrosep does not know by name, unit={'channel': 'um'}"
             )
-        return {name: shared if name in bare else own for name, own in known.items()}
+        taken = {name for name in bare if not holds_counts(name)}
+        if not taken:
+            raise UnitError(
+                f"{file.path}: {', '.join(map(repr, bare))}: counts, which are not in {shared.name}; state by name "
+                f"what one count is, if that is 1 {shared.name}: unit={{{bare[0]!r}: {shared.name!r}}}"
+            )
+        return {name: shared if name in taken else own for name, own in known.items()}
     if not isinstance(unit, Mapping):
         raise FormatMismatchError(
             f"{file.path}: unit= must be one unit, or a mapping of channel to unit"

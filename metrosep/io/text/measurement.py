@@ -45,7 +45,7 @@ from metrosep.io.objects import SI_NAMES, make_surface, rows_of_matrix, scaled, 
 from metrosep.io.own_notes import header_notes
 from metrosep.io.several_runs import BLOCKS, FoundRuns, SeveralRunsError, table_advice
 from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
-from metrosep.io.text.dialect import header_unit, is_other_unit
+from metrosep.io.text.dialect import header_unit, holds_counts, is_other_unit
 from metrosep.io.text.matrices import (
     declared_units,
     is_matrix,
@@ -274,14 +274,18 @@ def _with_units(file: RawFile, table: Table, unit: Any) -> Table:
         declared: dict[str, Unit] = {
             c.name: shared
             for c in table.numbers
-            if c.unit is None and likely_meaning(c.name) is None
+            if c.unit is None and likely_meaning(c.name) is None and not holds_counts(c.name)
         }
+        is_used = bool(declared) or any(c.unit == shared for c in table.numbers)
+        for c in table.numbers:
+            if not is_used and c.unit is None and holds_counts(c.name):  # refused by that
+                to_si(file, c, None, dimension=shared.dimension, role="unit")
         odd = [why for c in table.numbers if c.unit is None and (why := likely_meaning(c.name))]
         if not declared and odd:
             raise UnitError(
                 f"{file.path}: the unit of a column is not known: {odd[0]}; correct the header"
             )
-        if not declared and not any(c.unit == shared for c in table.numbers):
+        if not is_used:
             own = ", ".join(f"{c.name!r} in {c.unit.name}" for c in table.numbers if c.unit)
             raise FormatMismatchError(
                 f"{file.path}: every column declares its own unit ({own}); leave unit= out"
@@ -553,6 +557,12 @@ class _Made:
                 f"{shown_columns(table.names)}"
             )
         if x is not None and steps is not None:
+            column, own = pick(file, table, x, role="x")
+            if own is None and role_of(column.name) == "index":
+                raise self.mismatch(
+                    f"column {column.name!r} seems to number the rows, but not one by one, so that lateral_step does "
+                    f"not tell where they lie; give z={z!r} {AS_THEY_FOLLOW}, or correct that column"
+                )
             raise self.mismatch(
                 "the file holds positions, so lateral_step cannot replace them; leave it out"
             )

@@ -416,21 +416,34 @@ class TextTable:
         """Return all rows; a column that begins with empty fields is one of words where words follow, and no number."""
         late: dict[int, CorruptFileError] = {}
         while True:
-            labels = (*self.head.layout.labels, *[False] * len(self.head.names))
             try:
-                rows = joined(self.blocks(), labels[: len(self.head.names)], self._rows_at_most())
+                rows = joined(self.blocks(), self._labels(), self._rows_at_most())
             except CorruptFileError as refused:
-                if (k := self._body.words_in) is None:
+                if (k := self.words_in) is None:
                     raise
                 late[k] = refused
-                labels = (*labels[:k], True, *labels[k + 1 :])
-                self.head.layout = replace(self.head.layout, labels=labels)
+                self.take_words(k)
                 continue
             plain = self.head.layout.dialect.plain
             for k, why in late.items():
                 if any(plain(str(t)) is not None for t in set(rows.columns[k])):
                     raise why
             return rows
+
+    def _labels(self) -> tuple[bool, ...]:
+        n = len(self.head.names)
+        return (*self.head.layout.labels, *[False] * n)[:n]
+
+    @property
+    def words_in(self) -> int | None:
+        """The column that was refused for its first word, below empty fields."""
+        return self._body.words_in
+
+    def take_words(self, k: int) -> None:
+        """Take a column as one of words, when the rows are read again."""
+        labels = self._labels()
+        labels = (*labels[:k], True, *labels[k + 1 :])
+        self.head.layout = replace(self.head.layout, labels=labels)
 
     def _rows_at_most(self) -> int:
         """Return a guess of the number of rows, from the length of the lines at the start."""

@@ -52,14 +52,15 @@ _CLOCK = (
     r"(?:(?P<mi>\d{1,2}):(?P<sf>\d\d[.,]\d{1,9})"
     r"|(?P<h>\d{1,4}):(?P<min>\d\d)(?::(?P<sec>\d\d(?:[.,:]\d{1,9})?))?\s?(?P<half>[AaPp]\.?[Mm]\.?)?)"
 )
-_ZONE = r"\s?(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?"
+_ZONE = r"\s?(?P<zone>[Zz]|UTC|[+-]\d\d(?::?\d\d)?)?"
 _BASIC = (
     r"(?P<b_y>(?:19|20|21)\d\d)(?P<b_m>0\d|1[0-2])(?P<b_d>[0-3]\d)"
-    r"T(?P<b_h>[0-2]\d)(?P<b_min>\d\d)(?P<b_sec>\d\d(?:[.,]\d{1,9})?)?(?P<b_zone>Z|[+-]\d\d:?\d\d)?"
+    r"[Tt](?P<b_h>[0-2]\d)(?P<b_min>\d\d)(?P<b_sec>\d\d(?:[.,]\d{1,9})?)?"
+    r"(?P<b_zone>[Zz]|[+-]\d\d(?::?\d\d)?)?"
 )
 """ISO 8601 without marks: 20261129T101500."""
 _MOMENT = re.compile(
-    rf"{_DATE}(?:(?:T|,?\s+){_CLOCK}{_ZONE})?|{_CLOCK.replace('?P<', '?P<c_')}|{_BASIC}"
+    rf"{_DATE}(?:(?:[Tt]|,?\s+){_CLOCK}{_ZONE})?|{_CLOCK.replace('?P<', '?P<c_')}|{_BASIC}"
 )
 _SECOND = 10**9
 _DAY = 86400 * _SECOND
@@ -290,7 +291,9 @@ class Entries:
             self.is_zoned[rows] = True
             first, end = span["zone"]
             if text[first] in "+-":
-                minutes = _whole(digits, first + 1, first + 3) * 60 + _whole(digits, end - 2, end)
+                minutes = _whole(digits, first + 1, first + 3) * 60
+                if end - first > len("+01"):
+                    minutes += _whole(digits, end - 2, end)
                 sign = -1 if text[first] == "-" else 1
                 self.offset[rows] = minutes * np.int64(60 * _SECOND * sign)
         form = ("mm:ss.f", "hh:mm:ss", "hh:mm")[["sf" in span, "sec" in span, True].index(True)]
