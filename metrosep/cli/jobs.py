@@ -224,7 +224,9 @@ def _say_next(
     options: Mapping[str, Any],
 ) -> None:
     """Print what one would do next: a table after a result, a check of the table after a table."""
-    columns = [w for n in ("x", "z", "run") if options.get(n) for w in (f"--{n}", options[n])]
+    columns = [
+        w for n in ("x", "z", "feed", "run") if options.get(n) for w in (f"--{n}", options[n])
+    ]
     if tables:
         made = Path(out or "") / tables[0]["path"] if out else tables[0]["target"]
         say_next("verify", made, "--against", "NEW.csv", *columns)
