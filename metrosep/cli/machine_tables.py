@@ -681,14 +681,20 @@ def _require_apart(dialect: Any, files: Mapping[str, Mapping[str, Any]]) -> None
     *before, last = files
     for role, names in APART.items():
         for option in (o for o in dialect.options if o.name in names):
-            own = str(files[last].get(option.name, option.default))
+            own = _as_read(option, files[last], dialect.info.id)
             for stem in before:
-                there = str(files[stem].get(option.name, option.default))
-                if own == there != "None" and files[stem][role] != files[last][role]:
+                there = _as_read(option, files[stem], dialect.info.id)
+                if own == there is not None and files[stem][role] != files[last][role]:
                     raise click.UsageError(
                         f"{stem} and {last} have the same {option.name}, {own}: the control would take one for "
                         f"the other ({option.help}); state it of each, --machine {last}.{option.name}=..."
                     )
+
+
+def _as_read(option: Any, facts: Mapping[str, Any], controller: str) -> Any:
+    """Return a fact as the control reads it: 00 is 0, and names are the same in capitals or not."""
+    value = option.checked(facts.get(option.name, option.default), controller)
+    return value.upper() if isinstance(value, str) else value
 
 
 def _in_one_file(dialect: Any, ready: list[Prepared], keys: Iterable[Any], folder: Path) -> Any:

@@ -155,7 +155,8 @@ class SinumerikCec(Repeating):
         """Return the text of a file; two tables where the directions differ."""
         o = self.filled(options)
         names = [checked_name(o[k], k) for k in ("input_axis", "output_axis")]
-        if table.is_on_axis != (names[0] == names[1]):
+        alike = names[0] == names[1] if table.is_on_axis else names[0].upper() == names[1].upper()
+        if table.is_on_axis != alike:  # the control does not tell AX1 from ax1
             raise DataError(
                 f"the table is {table.axis} -> {table.compensates}, but input_axis={names[0]} and "
                 f"output_axis={names[1]}"

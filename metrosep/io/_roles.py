@@ -30,8 +30,10 @@ from metrosep.io.text.times import LONG_AGO_S, written_moments
 __all__ = [
     "ColumnSpec",
     "Role",
+    "gap_in",
     "is_read_too",
     "jumps_back",
+    "numbering",
     "pick",
     "refuse_marker",
     "role_of",
@@ -235,33 +237,43 @@ def _is_a(column: Column, dimensions: Collection[str | None]) -> bool:
 
 def without_counter(table: Table, *, given: Sequence[ColumnSpec | None]) -> Table:
     """Return the table without a column that numbers its rows, unless the caller or metrosep itself names it."""
+    counters = [c for c in numbering(table, given=given) if _counts_rows(c.values)]
+    if not counters or len(table.numbers) == len(counters):
+        return table
+    said = [s for c in counters if (s := gap_in(c.name, c.values, table.lines))]
+    kept = tuple(c for c in table.columns if c not in counters)
+    header = {**table.header, "row_gap": said[0]} if said else table.header
+    return replace(table, columns=kept, header=header, warnings=(*table.warnings, *said))
+
+
+def numbering(table: Table, *, given: Sequence[ColumnSpec | None]) -> list[Column]:
+    """Return the columns that number the rows by their name, of which the caller names none."""
     unnamed, named = table.header.get("unnamed", ()), table.header.get("named", True)
     named = named and not any(map(is_marked, table.header.get("comments", ())))
     texts = [g if isinstance(g, str) else g[0] for g in given if g]
     asked = {header_unit(t)[0].casefold() for g in texts for t in (g, g.rpartition(":")[0])}
-    counters = [
+    return [
         c
         for c in table.numbers
         if (c.name in unnamed or (named and role_of(c.name) == "index"))
         and header_unit(c.name)[0].casefold() not in asked
         and c.unit is None
-        and _counts_rows(c.values)
     ]
-    if not counters or len(table.numbers) == len(counters):
-        return table
-    said = []
-    for c in counters:
-        values = np.empty(0) if c.values is None else c.values
-        jumps = np.flatnonzero(np.diff(values) > 1.0)
-        if jumps.size:
-            i = int(jumps[0])
-            said.append(
-                f"line {int(table.lines[i + 1])}: column {c.name!r}, which numbers the rows, goes from "
-                f"{values[i]:.0f} to {values[i + 1]:.0f} ({jumps.size} such place(s)); rows may be missing there"
-            )
-    kept = tuple(c for c in table.columns if c not in counters)
-    header = {**table.header, "row_gap": said[0]} if said else table.header
-    return replace(table, columns=kept, header=header, warnings=(*table.warnings, *said))
+
+
+def gap_in(name: str, values: FloatArray | None, lines: NDArray[np.int64]) -> str:
+    """Return where numbers that rise by whole steps leave some out; empty where they do not, or fall."""
+    steps = np.diff(np.empty(0) if values is None else values)
+    if values is None or not steps.size or not np.all((steps >= 1.0) & (steps % 1.0 == 0.0)):
+        return ""
+    jumps = np.flatnonzero(steps > steps.min())
+    if not jumps.size:
+        return ""
+    i = int(jumps[0])
+    return (
+        f"line {int(lines[i + 1])}: column {name!r}, which numbers the rows, goes from "
+        f"{values[i]:.0f} to {values[i + 1]:.0f} ({jumps.size} such place(s)); rows may be missing there"
+    )
 
 
 def _counts_rows(values: FloatArray | None) -> bool:

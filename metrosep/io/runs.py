@@ -42,7 +42,9 @@ from metrosep.core.units import (
 from metrosep.io import registry
 from metrosep.io._roles import (
     ColumnSpec,
+    gap_in,
     jumps_back,
+    numbering,
     pick,
     runs_in,
     sensitivity,
@@ -59,6 +61,7 @@ from metrosep.io.text.table import (
     Table,
     interruption,
     read_table,
+    refuse_row_gap,
     text_of,
     without_empty_rows,
 )
@@ -200,6 +203,7 @@ def _runs_from(
             *table.warnings,
             *(interruption(table) if clocked.time is None else ()),
             *_other_places(file, table, clocked),
+            *(_gaps(table, clocked, file_feed) if clocked.time is None else ()),
         )
         warnings.extend(f"{file.name}: {w}" for w in said)
         ledgers.append(table.ledger)
@@ -438,6 +442,7 @@ def _runs_of(
             raise AmbiguousFormatError(table.header["undecided"][timed[0].name])
     fed = _feed_column(file, table, feed)
     signs = _direction_column(file, table, request.direction)
+    counters = {} if request.sampling_rate is None else _counters(table, request, feed)
     scale = sensitivity(request.scale)
     x = to_si(file, x_column, x_unit, dimension=kinds[0], role="x")
     parts = _parts(file, table, request, x)
@@ -473,6 +478,9 @@ def _runs_of(
                 f"goes from {_shown(start, turns)} to {_shown(end, turns)}; check the sign of the "
                 "position column or the labels"
             )
+        for name, numbers in counters.items():
+            said = gap_in(name, numbers[rows], table.lines[rows])
+            refuse_row_gap(file, said, "tell the parts before and behind it apart with run=")
         try:
             yield Run(
                 x[rows],
@@ -490,6 +498,24 @@ def _runs_of(
             )
         except DataError as exc:
             raise type(exc)(f"{file.path}: {_with_hint(str(exc), request, table)}") from None
+
+
+def _counters(
+    table: Table, request: _Request, feed: ColumnSpec | float | None
+) -> dict[str, FloatArray]:
+    """Return the columns that number the rows."""
+    fed = None if isinstance(feed, (int, float)) else feed
+    given = (request.x, request.z, request.run, request.direction, fed)
+    found = numbering(table, given=given)
+    return {c.name: c.values for c in found if c.values is not None}
+
+
+def _gaps(table: Table, request: _Request, feed: ColumnSpec | float | None) -> Iterator[str]:
+    """Yield a warning for each gap in the numbers of the rows of a run whose time follows from feed and mean step."""
+    if request.run is None and request.sampling_rate is None and feed is not None:
+        for name, numbers in _counters(table, request, feed).items():
+            if said := gap_in(name, numbers, table.lines):
+                yield f"{said}, and time follows from the feed and the mean step"
 
 
 def _ranges(lines: NDArray[np.int64]) -> str:

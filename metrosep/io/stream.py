@@ -28,6 +28,7 @@ from metrosep.io.read import recognise
 from metrosep.io.registry import formats
 from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.logger import with_units
+from metrosep.io.text.table import AS_THEY_FOLLOW, refuse_row_gap
 
 __all__ = ["ChunkSource", "Stream", "open_stream"]
 
@@ -76,6 +77,8 @@ class Stream(AbstractContextManager["Stream"]):
         Gives the samples as they stand in the file.
     stack : ExitStack, optional
         What is closed with the stream.
+    is_counted : bool, optional
+        Whether time is counted by rows: a gap in a column that numbers them is then refused.
     """
 
     file: RawFile
@@ -86,6 +89,7 @@ class Stream(AbstractContextManager["Stream"]):
     time_step: float | None
     source: ChunkSource
     stack: ExitStack = field(default_factory=ExitStack)
+    is_counted: bool = False
 
     def chunks(self, size: int = CHUNK) -> Iterator[dict[str, FloatArray]]:
         """Yield the recording from its start, a chunk at a time.
@@ -104,6 +108,8 @@ class Stream(AbstractContextManager["Stream"]):
         ------
         CorruptFileError
             If a part of the file is damaged; what came before is right.
+        FormatMismatchError
+            If time is counted by rows and their own numbers have a gap.
         DataError
             If `size` is below 1.
         """
@@ -111,6 +117,13 @@ class Stream(AbstractContextManager["Stream"]):
             raise DataError(f"a chunk needs at least one sample, got {size}")
         factors = {n: u.factor for n in self.channels if (u := self.units[n]) is not None}
         for part in self.source.chunks(self.channels, size):
+            if self.is_counted:
+                names = [n for n in self.channels if self.units[n] is not None]
+                refuse_row_gap(
+                    self.file,
+                    getattr(self.source, "row_gap", None),
+                    f"name the channels, such as channels={names}, {AS_THEY_FOLLOW}",
+                )
             yield {
                 n: values * factors[n] if factors.get(n, 1.0) != 1.0 else values
                 for n, values in part.items()
@@ -204,7 +217,10 @@ def open_stream(
     except BaseException:
         stack.close()
         raise
-    return Stream(file, description.id, names, units, source.n_samples, step, source, stack)
+    is_counted = channels is None and sampling_rate is not None and source.time_step is None
+    return Stream(
+        file, description.id, names, units, source.n_samples, step, source, stack, is_counted
+    )
 
 
 def _refuse_unknown(file: RawFile, opener: Any, options: Mapping[str, Any]) -> None:

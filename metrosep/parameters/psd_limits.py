@@ -18,7 +18,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.core.numbers import positive, real
+from metrosep.core.numbers import not_negative, positive, real
 from metrosep.core.units import format_ends, format_length, parse_quantity, parse_unit
 from metrosep.parameters.decision import Verdict, worst
 from metrosep.spectral.masked import MaskedPsd
@@ -101,14 +101,26 @@ class PsdLimit:
         Parameters
         ----------
         low, high : float, 1/m
-            Frequencies, 0 < low < high.
+            Frequencies, 0 <= low < high; 0 where B < 1 and infinity where B > 1, as the integral is
+            finite there.
 
         Returns
         -------
         float, m^2
             ``A (low^(1-B) - high^(1-B)) / (B - 1)``, for B = 1 ``A ln(high / low)``.
+
+        Raises
+        ------
+        DataError
+            If the frequencies are not in order, or the integral between them is not finite.
         """
-        low, high = positive(low, "low"), positive(high, "high")
+        low = not_negative(low, "low") if self.B < 1.0 else positive(low, "low")
+        if self.B <= 1.0 or high != math.inf:
+            high = positive(high, "high")
+        if not low < high:
+            raise DataError(
+                f"the integral goes from a lower to a higher frequency, got {low:g} and {high:g} 1/m"
+            )
         A = 0.0 if self.A is None else self.A
         if self.B == 1.0:
             return A * math.log(high / low)

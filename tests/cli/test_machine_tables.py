@@ -738,6 +738,8 @@ def test_what_each_file_of_a_control_needs_is_asked_for_by_its_name(metrosep, st
             "'--machine x-y.output_axis=...' and '--machine x-z.output_axis=...'; output_axis: ",
         ),
         (EACH, "--machine x-y.table_index=..."),
+        ((*EACH, *APART, "--machine", "x-y.output_axis=ax1"), "--machine x-y.output_axis=..."),
+        ((*EACH, *APART, "--machine", "x-y.table_index=00"), "--machine x-y.table_index=..."),
     ],
 )
 def test_files_that_a_control_would_take_for_one_another_are_refused(metrosep, stack, facts, said):

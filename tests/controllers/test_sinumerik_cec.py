@@ -228,6 +228,8 @@ def test_axes_must_fit(cross):
         SinumerikCec().encode(cross, **OWN)
     with pytest.raises(DataError, match="input_axis"):
         SinumerikCec().encode(cross, input_axis="(AX1)", output_axis="AX3")
+    with pytest.raises(DataError, match="input_axis"):  # the control does not tell AX1 from ax1
+        SinumerikCec().encode(cross, input_axis="AX1", output_axis="ax1")
     data = SinumerikCec().encode(cross, **CROSS).data
     with pytest.raises(DataError, match="says output_axis='AX3'"):
         SinumerikCec().decode(data, NOWHERE, output_axis="AX2")

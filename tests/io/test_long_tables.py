@@ -197,3 +197,27 @@ def test_stamps_of_one_width_stay_in_their_rows(tmp_path, odd):
     else:
         with pytest.raises(ms.errors.ReadError, match=rf"\b{AT + 2}\b"):
             ms.read(path)
+
+
+@pytest.mark.parametrize("first", [False, True], ids=["behind", "in front"])
+@pytest.mark.parametrize(
+    "name",
+    ["run", "direction", "Datum", "id", "Part no", "No remark", "Error code", "Sensor", "Probe",
+     "position remark"],
+)  # fmt: skip
+def test_a_first_word_far_below_the_first_rows_makes_a_column_of_words(put, name, first):
+    def row(*fields):
+        own, x, z = fields
+        return ",".join((own, x, z) if first else (x, z, own))
+
+    rows = [row("chatter" if k in (3200, 5999) else "", f"{k}", f"{k % 7}.5") for k in range(6000)]
+    profile = ms.read(put("\n".join([row(name, "x_um", "z_um"), *rows]) + "\n", "late.csv"))
+    assert profile.x.tolist() == pytest.approx([k * 1e-6 for k in range(6000)], abs=1e-15)
+    assert profile.z[-1] == pytest.approx(0.5e-6, abs=1e-15)
+
+
+@pytest.mark.parametrize("name", ["position", "z height", "Feed", "temp 2"])
+def test_a_word_in_a_column_of_numbers_is_refused_though_all_above_is_empty(put, name):
+    rows = [f"{k},{k % 7}.5,{'chatter' if k == 3200 else ''}" for k in range(6000)]
+    with pytest.raises(ms.errors.CorruptFileError, match="line 3202"):
+        ms.read(put("\n".join([f"x_um,z_um,{name}", *rows]) + "\n", "late.csv"))

@@ -394,3 +394,22 @@ def test_files_whose_clocks_count_from_a_date_keep_their_distance(tmp_path, orde
     np.testing.assert_allclose(runs.runs[0].t, np.arange(50) * 0.01, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(runs.runs[1].t, apart + np.arange(50) * 0.01, rtol=0.0, atol=1e-9)
     assert any("behind that of the first file" in w for w in runs.metadata["warnings"])
+
+
+def test_a_sampling_rate_is_refused_for_a_run_whose_rows_number_themselves_with_a_gap(
+    tmp_path,
+):
+    """Row 50 carries number 80 and was taken at 0.080 s; a gap between two runs does not matter."""
+    asked = {"x": "x_mm", "z": "z_um", "sampling_rate": "1 kHz"}
+    numbers = [k if k < 50 else k + 30 for k in range(100)]
+    path = tmp_path / "gap.csv"
+    path.write_text("n,x_mm,z_um\n" + "".join(f"{k},{k / 10},{k % 7}.5\n" for k in numbers))
+    with pytest.raises(ms.errors.FormatMismatchError, match=r"line 52: column 'n'.* 49 to 80"):
+        ms.io.read_runs(path, **asked)
+    by_feed = ms.io.read_runs(path, x="x_mm", z="z_um", feed="6000 mm/min")
+    assert any("49 to 80" in said for said in by_feed.metadata["warnings"])
+    rows = [(n, i // 50, n % 80 / 10) for i, n in enumerate(numbers)]
+    path.write_text("n,run,x_mm,z_um\n" + "".join(f"{n},{r},{x},0.5\n" for n, r, x in rows))
+    assert [r.t[-1] for r in ms.io.read_runs(path, run="run", **asked)] == pytest.approx(
+        [0.049, 0.049], abs=1e-12
+    )

@@ -257,3 +257,26 @@ def test_chunk_without_samples_is_refused(table):
 
     with open_stream(path) as stream, pytest.raises(ms.errors.DataError, match="at least one"):
         next(iter(stream.chunks(0)))
+
+
+def test_time_that_is_counted_by_rows_is_refused_where_their_own_numbers_have_a_gap(
+    tmp_path,
+):
+    """The row after number 49 was taken 31 ms after it, not 1 ms: in a later piece, too."""
+    path = tmp_path / "gap.csv"
+    numbers = [k if k < 50_000 else k + 30 for k in range(60_000)]
+    path.write_text("n,z_um\n" + "".join(f"{k},{k % 7}.5\n" for k in numbers))
+    with (
+        pytest.raises(
+            ms.errors.FormatMismatchError, match=r"line 50002: column 'n'.* 49999 to 50030"
+        ),
+        open_stream(path, sampling_rate="1 kHz") as stream,
+    ):
+        list(stream.chunks(1000))
+    with open_stream(path, channels=["z_um"], sampling_rate="1 kHz") as stream:
+        assert sum(part["z_um"].size for part in stream.chunks(1000)) == 60_000
+    assert any("49999 to 50030" in said for said in stream.warnings)
+    path.write_text("n,z_um\n" + "".join(f"{10 * k},{k % 7}.5\n" for k in range(600)))
+    with open_stream(path, sampling_rate="1 kHz") as stream:  # every tenth is no gap
+        assert sum(part["z_um"].size for part in stream.chunks(100)) == 600
+    assert stream.warnings == ()

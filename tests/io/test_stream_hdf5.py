@@ -223,3 +223,25 @@ def test_a_unit_in_the_name_counts_as_for_the_whole_file(tmp_path):
     assert found["/t_ms"].tolist() == whole.t.tolist()
     for name in whole.channels:
         np.testing.assert_array_equal(found[name], whole.channels[name])
+
+
+def test_a_unit_in_the_name_that_is_shown_counts_in_a_stream_and_in_the_whole_file(tmp_path):
+    """A logger numbers its datasets and writes what they are into an attribute: 2 um are 2e-6 m."""
+    path = tmp_path / "shown.h5"
+    with h5py.File(path, "w") as handle:
+        handle["t_ms"] = np.arange(50) * 2.0
+        for name, shown in (("c1", "gap_um"), ("c2", "load"), ("c3", "load")):
+            handle[name] = np.full(50, 2.0)
+            handle[name].attrs["name"] = shown
+
+    with open_stream(path) as stream:
+        assert set(stream.channels) == {"/t_ms", "gap_um", "/c2", "/c3"}
+        found = gathered(stream, 20)
+    assert found["gap_um"].tolist() == pytest.approx([2e-6] * 50, abs=1e-15)
+    assert found["/c2"].tolist() == [2.0] * 50
+    assert ms.read(path).channels["/c1"].tolist() == found["gap_um"].tolist()
+
+    with h5py.File(path, "a") as handle:
+        handle["t_ms"].attrs["name"] = "t_s"
+    with pytest.raises(ms.errors.UnitError, match=r"in ms by its name, but in s by its attribute"):
+        open_stream(path)

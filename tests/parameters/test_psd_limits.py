@@ -333,3 +333,35 @@ def test_white_lines_with_gaps_read_what_is_there():
         band = (along.frequency > 2.0 / (2000 * UM)) & (along.frequency < 12.0 / (2000 * UM))
         low.append(along.density[band].mean() / (2 * UM))
     assert np.mean(low) == pytest.approx(1.0, abs=0.3)  # 120 values, some of them neighbours: 0.12
+
+
+@pytest.mark.parametrize(
+    ("B", "low", "high", "expected"),
+    [
+        (2.0, 1e3, np.inf, 1e-18),  # A / low
+        (0.0, 0.0, 1e3, 1e-12),  # A high
+        (0.5, 0.0, 1e4, 2e-13),  # 2 A sqrt(high)
+        (2.0, 1e3, 1e4, 9e-19),
+    ],
+)
+def test_an_integral_goes_to_zero_or_infinity_where_it_is_finite(B, low, high, expected):
+    limit = PsdLimit(10 * UM, 10 * MM, A=1e-15, B=B)
+    assert limit.mean_square(low, high) == pytest.approx(expected, rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("B", "low", "high"),
+    [
+        *((B, 1e4, 1e3) for B in (0.0, 1.0, 2.0)),
+        *((B, 1e3, 1e3) for B in (0.0, 1.0, 2.0)),
+        (0.0, 1e3, np.inf),
+        (1.0, 1e3, np.inf),
+        (1.0, 0.0, 1e3),
+        (2.0, 0.0, 1e3),
+        (2.0, 1e3, np.nan),
+        (0.0, -1.0, 1e3),
+    ],
+)
+def test_an_integral_that_is_not_finite_or_goes_backwards_is_refused(B, low, high):
+    with pytest.raises(DataError, match=r"finite|from a lower to a higher"):
+        PsdLimit(10 * UM, 10 * MM, A=1e-15, B=B).mean_square(low, high)

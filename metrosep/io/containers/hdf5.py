@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, FormatMismatchError, ReadNameError
+from metrosep.core.errors import DataError, FormatMismatchError, ReadNameError, UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.public import state_of
 from metrosep.core.recording import Recording
@@ -98,7 +98,7 @@ def read(
                 header=header,
             )
         columns = {
-            n: (_values(file, handle, n, max_pixels), _own_unit(n, handle.attributes(n)))
+            n: (_values(file, handle, n, max_pixels), _own_unit(file, n, handle.attributes(n)))
             for n in _chosen(file, handle, lines, maps, channel)
         }
     x, z, time = (_as_path(asked, columns) for asked in (x, z, time))
@@ -119,9 +119,17 @@ def read(
     )
 
 
-def _own_unit(name: str, attributes: Mapping[str, Any]) -> Unit | None:
-    """Return the unit of a dataset: its attributes declare it, else its name."""
-    return unit_of(attributes) if unit_label(attributes) else header_unit(name)[1]
+def _own_unit(file: RawFile, name: str, attributes: Mapping[str, Any]) -> Unit | None:
+    """Return the unit of a dataset: its attributes declare it, else its name, also the one in an attribute."""
+    if unit_label(attributes):
+        return unit_of(attributes)
+    own, shown = (header_unit(n)[1] for n in (name, str(attributes.get("name") or "")))
+    if own is not None and shown is not None and own != shown:
+        raise UnitError(
+            f"{file.path}: dataset {name!r} is in {own.name} by its name, but in {shown.name} by its attribute 'name' "
+            f"({attributes['name']!r}); correct one of them"
+        )
+    return own or shown
 
 
 _SCHEMA = "metrosep_schema"
@@ -271,13 +279,17 @@ class Hdf5Source:
         self, file: RawFile, handle: Hdf5File, names: tuple[str, ...], n_samples: int
     ) -> None:
         self._file, self._handle = file, handle
-        self._paths = {str(handle.attributes(n).get("name") or n): n for n in names}
+        shown = [str(handle.attributes(n).get("name") or n) for n in names]
+        self._paths = {
+            s if shown.count(s) == 1 and (s == n or s not in names) else n: n
+            for s, n in zip(shown, names, strict=True)
+        }
         self.n_samples: int | None = n_samples
         of_matlab = file.head.startswith(b"MATLAB")  # there x_in is an input
         self._units = {
             p: None
             if of_matlab and p.endswith("_in") and not unit_label(handle.attributes(p))
-            else _own_unit(p, handle.attributes(p))
+            else _own_unit(file, p, handle.attributes(p))
             for p in names
         }
         self.labels: Mapping[str, str] = {

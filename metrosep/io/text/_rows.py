@@ -745,6 +745,7 @@ class Body:
         good = [self._layout.dialect.plain(f) is not None for f in fields]
         if len(fields) == self._n and any(good):
             bad = next(f for f, g in zip(fields, good, strict=True) if not g)
+            self.words_in = 0 if 0 in self._open else None
             raise bad_field(self._file, number, bad, "a row")
 
     def _wrong_count(

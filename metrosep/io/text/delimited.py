@@ -26,7 +26,7 @@ from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import parse_unit
-from metrosep.io._roles import ColumnSpec
+from metrosep.io._roles import ColumnSpec, gap_in, numbering
 from metrosep.io.declared import Match
 from metrosep.io.own_notes import is_marked
 from metrosep.io.registry import BuiltIn, demand, sniffer
@@ -45,7 +45,7 @@ from metrosep.io.text.encoding import head_text
 from metrosep.io.text.lines import are_numbered_rows, are_rows_like_comments, is_rule, unframed
 from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
-from metrosep.io.text.table import Column, TextTable, markers_in, read_table, text_of
+from metrosep.io.text.table import Column, Table, TextTable, markers_in, read_table, text_of
 from metrosep.io.text.times import RunningClock, moments
 
 __all__ = ["channels", "parquet", "read", "sniff", "sqlite", "worksheet"]
@@ -216,6 +216,7 @@ class TextSource:
         }
         self.n_samples = None
         self.warnings: tuple[str, ...] = ()
+        self.row_gap = ""  # where the rows that were given so far number themselves with a gap
         self.lines: Mapping[str, Any] = {}
         self._left = tuple(
             f"column {head.names[k]!r} holds words and is not read in chunks"
@@ -283,10 +284,19 @@ class TextSource:
         kept = np.empty((0, len(self._names)))
         kept_lines = np.empty(0, dtype=np.int64)
         odd: dict[str, str] = {}
+        self.row_gap = ""
+        counters = self._counters(kept, kept_lines)
+        last = kept_lines
         for rows, own in self._rows(names):
+            for name, numbers in [*counters.items()]:
+                k = self._names.index(name)
+                here = np.concatenate([numbers, rows[:, k]])
+                self.row_gap = self.row_gap or gap_in(name, here, np.concatenate([last, own]))
+                counters[name] = here[-2:]
+            last = np.concatenate([last, own])[-2:]
             every = np.concatenate([kept, rows])
             lines = np.concatenate([kept_lines, own])
-            columns = [replace(c, values=every[:, k]) for k, c in enumerate(self._columns)]
+            columns = self._columns_of(every)
             options = self._source.head.options
             said, markers = markers_in(columns, lines, options)
             for name in names:
@@ -299,10 +309,24 @@ class TextSource:
             while rest.shape[0] >= size:
                 yield {n: rest[:size, k].copy() for n, k in zip(names, where, strict=True)}
                 rest = rest[size:]
-        self.warnings = (*self._source.warnings, *odd.values(), *self._left)
+        gap = (self.row_gap,) if self.row_gap else ()
+        self.warnings = (*self._source.warnings, *odd.values(), *self._left, *gap)
         self.lines = self._source.lines
         if rest.shape[0]:
             yield {n: rest[:, k].copy() for n, k in zip(names, where, strict=True)}
+
+    def _counters(self, rows: FloatArray, lines: NDArray[np.int64]) -> dict[str, FloatArray]:
+        """Return an empty start for each column that numbers the rows, where there are others."""
+        head = self._source.head
+        header = {**head.facts, "comments": head.comments}
+        found = numbering(Table(tuple(self._columns_of(rows)), lines, header), given=())
+        return {c.name: _EMPTY for c in found} if len(found) < len(self._columns) else {}
+
+    def _columns_of(self, rows: FloatArray) -> list[Column]:
+        return [replace(c, values=rows[:, k]) for k, c in enumerate(self._columns)]
+
+
+_EMPTY = np.empty(0)
 
 
 def _moment_texts(texts: Any) -> Sequence[str]:

@@ -55,6 +55,7 @@ from metrosep.io.text.matrices import (
 )
 from metrosep.io.text.quality import is_truth
 from metrosep.io.text.table import (
+    AS_THEY_FOLLOW,
     Column,
     SinceFirst,
     Table,
@@ -487,7 +488,8 @@ class _Made:
                 )
         else:
             if channel is None:
-                refuse_row_gap(self.file, table, f"channel={table.numbers[0].name!r}")
+                said = f"channel={table.numbers[0].name!r} {AS_THEY_FOLLOW}"
+                refuse_row_gap(self.file, table.header.get("row_gap"), said)
             t = np.arange(len(table), dtype=np.float64) / rate_of(sampling_rate or 0.0)
             self.table = replace(table, warnings=(*table.warnings, *interruption(table)))
         chosen = [c for c in table.numbers if timed is None or c.name != timed.name]
@@ -560,7 +562,7 @@ class _Made:
         self.used["scale_m_per_v"] = self.scale
         if x is None:
             if not is_named:
-                refuse_row_gap(file, table, f"z={z!r}")
+                refuse_row_gap(file, table.header.get("row_gap"), f"z={z!r} {AS_THEY_FOLLOW}")
             self.used["lateral_step_m"] = step = steps[0] if steps is not None else 0.0
             positions: FloatArray = step * np.arange(heights.size, dtype=np.float64)
         else:

@@ -23,7 +23,7 @@ from metrosep.io.text.dialect import (
 from metrosep.io.text.encoding import ROLE_WORDS
 from metrosep.io.text.lines import bad_field, is_drawn
 
-__all__ = ["BEGUN", "Preamble", "names_a_role"]
+__all__ = ["BEGUN", "Preamble", "names_a_number"]
 
 _POSITIONS = frozenset(ROLE_WORDS["position"].split())
 """Names of columns that have a unit, whatever stands above them."""
@@ -32,13 +32,42 @@ _MEASURED = _POSITIONS.union(*(ROLE_WORDS[role].split() for role in ("height", "
 """Names of columns of which one that all rows lack need not be the last."""
 
 
-_ROLES = frozenset(word for words in ROLE_WORDS.values() for word in words.split())
+_OFTEN_WORDS = frozenset(
+    [
+        "target",
+        "error",
+        "err",
+        "fehler",
+        "erreur",
+        "errore",
+        "sensor",
+        "cap",
+        "probe",
+        "profile",
+        "profil",
+        "profilo",
+        "perfil",
+        "профиль",
+        "taster",
+        "palpeur",
+        "palpador",
+    ]
+)
+"""Words for a number under which the name of a thing, or a message, may stand as well."""
+_NUMBERS = (
+    frozenset(
+        w
+        for role in ("position", "height", "feed", "angle", "temperature")
+        for w in ROLE_WORDS[role].split()
+    )
+    - _OFTEN_WORDS
+)
 
 
-def names_a_role(name: str) -> bool:
-    """Return whether a word of the name of a column says that numbers belong into it."""
-    words = re.split(r"[\W_]+", header_unit(name)[0].casefold())
-    return any(w.rstrip("0123456789") in _ROLES for w in words if w)
+def names_a_number(name: str) -> bool:
+    """Return whether the last word of the name of a column says that numbers belong into it: "x position", no "position remark"."""
+    words = re.split(r"[\W_\d]+", header_unit(name)[0].casefold())
+    return next((w for w in reversed(words) if w), "") in _NUMBERS
 
 
 def _is_measured(name: str) -> bool:

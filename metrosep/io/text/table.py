@@ -61,7 +61,7 @@ from metrosep.io.text.lines import (
     refuse_quotes,
     unframed,
 )
-from metrosep.io.text.preamble import BEGUN, Preamble, names_a_role
+from metrosep.io.text.preamble import BEGUN, Preamble, names_a_number
 from metrosep.io.text.quality import marked_bad, marker_of
 from metrosep.io.text.times import (
     Entries,
@@ -73,6 +73,7 @@ from metrosep.io.text.times import (
 )
 
 __all__ = [
+    "AS_THEY_FOLLOW",
     "Column",
     "SinceFirst",
     "Table",
@@ -591,13 +592,17 @@ def without_empty_rows(table: Table) -> Table:
     )
 
 
-def refuse_row_gap(file: RawFile, table: Table, option: str) -> None:
+def refuse_row_gap(file: RawFile, said: str | None, otherwise: str) -> None:
     """Refuse rows whose place is counted where their own numbers have a gap: all later ones would lie too early."""
-    if (said := table.header.get("row_gap")) is not None:
+    if said:
         raise FormatMismatchError(
             f"{file.path}: {said}, and all later rows would lie too early; give the rows a column of position or "
-            f"time, or {option} to take them as they follow one another"
+            f"time, or {otherwise}"
         )
+
+
+AS_THEY_FOLLOW = "to take them as they follow one another"
+"""What the option does that is named beside a gap."""
 
 
 def interruption(table: Table) -> tuple[str, ...]:
@@ -768,7 +773,7 @@ class TableHead:
         empty = (*self.layout.empty, *[True] * len(self.names))
         labels = (*self.layout.labels, *[False] * len(self.names))
         for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            if k and empty[k] and not labels[k] and unit is None and not names_a_role(name):
+            if empty[k] and not labels[k] and unit is None and not names_a_number(name):
                 yield k
 
 
