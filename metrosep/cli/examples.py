@@ -7,10 +7,10 @@ __all__ = ["EXAMPLES"]
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "info": ("metrosep info part.x3p", "metrosep info runs.csv --json"),
     "check": ("metrosep check runs.csv", "metrosep check recipe.toml --explain"),
-    "convert": ("metrosep convert part.dat part.x3p", "metrosep convert slices.xyz map.h5 --unit um"),
+    "convert": ("metrosep convert part.dat part.x3p", 'metrosep convert slices.xyz map.h5 --unit "mm,mm,um"'),
     "measure": (
         'metrosep measure part.x3p --form plane --params Sq,Sz --upper "Sq=5 nm" --U "Sq=0.3 nm" -o out',
-        'metrosep measure part.x3p --form sphere --upper "Sq=5 nm" --print-recipe > qa.toml',
+        'metrosep measure part.x3p --form sphere --upper "Sq=5 nm" --U "Sq=0.3 nm" --print-recipe > qa.toml',
     ),
     "form": (
         'metrosep form part.x3p --form "conic: R=50 mm" --free R',
@@ -18,8 +18,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "psd": ('metrosep psd part.x3p --limit "rms = 5 nm from 0.1 mm to 5 mm"',),
     "geometry": (
-        'metrosep geometry step_height groove.csv --x x_um --z z_nm --set "width=100 um"',
-        'metrosep geometry cylindricity points.csv --x x_mm --y y_mm --z z_mm --upper "cylindricity=2 um"',
+        'metrosep geometry step_height groove.csv --x x_um --z z_nm --set "width=100 um" --set "middle=300 um"',
+        'metrosep geometry cylindricity points.csv --x x_mm --y y_mm --z z_mm --upper "CYLt=2 um" --U "CYLt=0.2 um"',
     ),
     "circle": ('metrosep circle ballbar.csv --radius "150 mm" --feed "1000 mm/min" --plane XY',),
     "verify-softgauge": ('metrosep verify-softgauge gauge.smd --lambda-c "0.8 mm"',),
@@ -33,7 +33,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "separate": (
         "metrosep separate runs.csv --x x_mm --z z_um --feed feed_mm_min --run run -o out",
-        "metrosep separate runs.csv --x x_mm --z z_um --run run --compensates Z --table linuxcnc=x.comp",
+        ("metrosep separate runs.csv --x x_mm --z z_um --feed feed_mm_min --run run --compensates Z "
+        "--table linuxcnc=x-z.comp --machine cross_axis=hal"),
         "metrosep separate ball.csv --method donaldson --readings m1_nm,m2_nm --angle angle_deg -o out",
     ),
     "plan": (
@@ -48,25 +49,25 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "air": ('metrosep air --temperature "20.3 degC" --pressure "1002 hPa" --humidity "45 %"',),
     "table": (
-        "metrosep table out --compensates Z -o x-z.comp",
-        ("metrosep table laser.csv --target target_mm --direction dir --readings e1_um,e2_um "
+        "metrosep table out --compensates Z --machine cross_axis=hal -o x-z.comp",
+        ("metrosep table laser.csv --target target_mm --direction dir --readings e1_um,e2_um,e3_um "
         "--deviation reached-minus-target --axis X -o x.comp"),
-        ("metrosep table laser.csv --target target_mm --readings e1_um --deviation reached-minus-target "
-        "--axis X --format sinumerik-enc --machine machine_axis=X1 -o x.INI"),
+        ("metrosep table laser.csv --target target_mm --direction dir --readings e1_um,e2_um,e3_um "
+        "--deviation reached-minus-target --axis X --format sinumerik-enc --machine machine_axis=X1 -o x.INI"),
     ),
     "machine-tables": (
         'metrosep machine-tables mill.toml terms --over X --spacing "10 mm" --at "Y=0 mm" --at "Z=0 mm" -o tables',
         ('metrosep machine-tables five_axis terms --pivot-height "80 mm" --over A,C --spacing "10 deg" '
         '--span "A=-90 deg..30 deg" --span "C=0 deg..360 deg" --at "X=0 mm" --at "Y=0 mm" --at "Z=0 mm" -o tables'),
     ),
-    "volume": ('metrosep volume mill.toml terms --tolerance "0.2 um" -o grid',),
+    "volume": ('metrosep volume mill.toml terms --tolerance "0.2 um" --span "Z=0 mm..100 mm" -o grid',),
     "path": (
-        'metrosep path part.nc --error error.x3p --c-sense +1 --tolerance "2 nm" -o corrected.nc',
-        'metrosep path part.nc --machine five_axis --pivot-height "80 mm" --error terms -o corrected.nc',
+        'metrosep path part.nc --error error.x3p --c-sense +1 --centre middle --tolerance "2 nm" -o corrected.nc',
+        'metrosep path pocket.nc --machine five_axis --pivot-height "80 mm" --error terms -o corrected.nc',
     ),
     "verify": (
-        "metrosep verify x.comp --against new.csv --x x_mm --z z_um --run run",
-        ("metrosep verify x.comp --against laser.csv --target target_mm --readings e1_um,e2_um "
+        "metrosep verify x-z.comp --against new.csv --x x_mm --z z_um --feed feed_mm_min --run run",
+        ("metrosep verify x.comp --against laser.csv --target target_mm --direction dir --readings e1_um,e2_um,e3_um "
         "--deviation reached-minus-target"),
     ),
     "read": ('metrosep read five_axis ball.csv terms --pivot-height "80 mm"',),
@@ -77,9 +78,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "predict": ("metrosep predict process.toml -o predicted",),
     "report": (
         "metrosep report out --format html,csv -o reports",
-        'metrosep report out --issue --number 2026-7 --date 2026-03-05 --released "A. Name" -o reports',
+        ('metrosep report out --issue --number 2026-7 --date 2026-03-05 --released "A. Name" '
+        '--report "laboratory.name=Our laboratory" --report "item.name=mirror" --report "item.serial=A 12" -o reports'),
     ),
-    "diff": ("metrosep diff before after", 'metrosep diff before after --tolerance "PV=5 nm"'),
+    "diff": ("metrosep diff before after", 'metrosep diff before after --tolerance "Sq=5 nm"'),
     "demo": ("metrosep demo -o metrosep-demo",),
     "ui": ("metrosep ui part.x3p", "metrosep ui --operator qa.toml --inbox maps --out qa"),
     "listen": (

@@ -224,12 +224,16 @@ def _say_next(
     options: Mapping[str, Any],
 ) -> None:
     """Print what one would do next: a table after a result, a check of the table after a table."""
-    columns = [w for n in ("x", "z", "run") if options.get(n) for w in (f"--{n}", options[n])]
+    columns = [
+        w for n in ("x", "z", "feed", "run") if options.get(n) for w in (f"--{n}", options[n])
+    ]
     if tables:
         made = Path(out or "") / tables[0]["path"] if out else tables[0]["target"]
         say_next("verify", made, "--against", "NEW.csv", *columns)
     elif out is not None:
-        say_next("table", out, "--compensates", "AXIS", "-o", "x.comp")
+        # not every controller's file corrects another axis than its own
+        axis = options.get("compensates") or "AXIS"
+        say_next("table", out, "--compensates", axis, "--format", "csv", "-o", "table.csv")
 
 
 def _as_flexure(context: click.Context, options: dict[str, Any]) -> None:

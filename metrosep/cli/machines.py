@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -159,19 +160,43 @@ def calibrate(
             if options[o]
             for w in (f"--{o.replace('_', '-')}", options[o])
         ]
-        say_next(
-            "machine-tables",
-            machine,
-            out,
-            *own,
-            "--over",
-            "AXIS",
-            "--spacing",
-            "STEP",
-            "-o",
-            "tables",
-        )
+        where = _where_it_was_read(chain_of(machine, options), out)
+        say_next("machine-tables", machine, out, *own, *where, "-o", "tables")
     return 0
+
+
+_STEPS = 10
+"""Of the first table that is proposed, along its travel."""
+
+
+def _where_it_was_read(chain: Chain, out: str) -> list[str]:
+    """Return the options of tables over the axes that turn and have errors, or the first linear one."""
+    from metrosep.cli.error_files import terms_of
+
+    kinds = chain.dimensions
+    terms, known = terms_of((out,), kinds)
+
+    def typed(value: float, axis: str) -> str:
+        return (
+            f"{math.degrees(value):.6g} deg" if kinds[axis] == "angle" else f"{1e3 * value:.6g} mm"
+        )
+
+    moving = [e for e in chain.elements if e.kind != "fixed" and not e.parked]
+    names = [e.name for e in sorted(moving, key=lambda e: (e.kind == "rotary", e.name))]
+    read = [a for a in names if any(str(term).endswith(a) for term in terms.values)]
+    over = [a for a in read if kinds[a] == "angle"][:2] or (read or names)[:1]
+    steps, words = [], []
+    for axis in over:
+        turn = 2.0 * math.pi if kinds[axis] == "angle" else 0.4
+        low, high = known.get(axis, (0.0, turn))
+        steps.append(typed((high - low) / _STEPS, axis))
+        if axis not in known:
+            words += ["--span", f"{axis}={typed(low, axis)}..{typed(high, axis)}"]
+    for axis in (a for a in names if a not in over):
+        low, high = known.get(axis, (0.0, 0.0))
+        words += ["--at", f"{axis}={typed(min(max(0.0, low), high), axis)}"]
+    spacing = [f"{a}={s}" for a, s in zip(over, steps, strict=True)]
+    return ["--over", ",".join(over), "--spacing", ",".join(spacing), *words]
 
 
 _PLACES = 5

@@ -75,7 +75,14 @@ def test_a_reference_that_no_run_reaches_is_refused_before_separating(metrosep, 
 
 def test_the_last_line_names_the_next_command(metrosep, folder):
     err = metrosep("separate", RUNS, *COLUMNS, "--method", "mean", "-o", "out")[2]
-    assert err.splitlines()[-1] == "next: metrosep table out --compensates AXIS -o x.comp"
+    said = err.splitlines()[-1].removeprefix("next: metrosep ")
+    assert said == "table out --compensates AXIS --format csv -o table.csv"
+    for axis in "XZ":
+        code, _, err = metrosep(*said.replace("AXIS", axis).split(), "--waive", "inconclusive")
+        assert "corrects its own joint" not in err
+        assert code != 2, err
+        (folder / "table.csv").unlink(missing_ok=True)
+        (folder / "table.csv.json").unlink(missing_ok=True)
 
 
 def test_fields_of_the_report_are_stated_where_a_report_is_written(metrosep, folder):

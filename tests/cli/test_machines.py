@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from typing import NamedTuple
 
 import numpy as np
@@ -106,6 +107,19 @@ def test_read_prints_what_the_instrument_would_read(call, folder, tmp_path):
     # the line of C stands 10 um further along X: the ball goes with it, the tool is short of it
     values = [float(v) for v in rows[1].split(",")[:3]]
     np.testing.assert_allclose(values, [-10.0, 0.0, 0.0], rtol=0, atol=1e-6)
+
+
+def test_the_last_line_of_a_calibration_runs_as_it_is_printed(call, folder, tmp_path, monkeypatch):
+    """A mill of which two set-ups read X and Y: each other axis has its place in the line."""
+    monkeypatch.chdir(tmp_path)
+    there = folder.parent / "mill_instruments"
+    sets = [str(there / f"{name}.csv") for name in ("laser_linear", "level")]
+    done = call("calibrate", "mill_xyz", *sets, "-o", "terms")
+    last = done.err.splitlines()[-1]
+    assert last.startswith("next: metrosep machine-tables mill_xyz terms --over X ")
+    made = call(*shlex.split(last.removeprefix("next: metrosep ")))
+    assert made.code == 0, made.err
+    assert (tmp_path / "tables" / "x-x.csv").is_file()
 
 
 def test_untidy_files_of_readings_are_read(call, folder, truth, tmp_path):
