@@ -782,10 +782,16 @@ class TableHead:
         )
 
     def _may_be_words(self) -> Iterator[int]:
-        """Yield columns without a field in the sample, of which no unit and no name says that they hold numbers."""
+        """Yield named columns without a field in the sample, of which neither name nor unit says numbers.
+
+        A first word under no name is that of a row: "Mean, 5, 1.2" among the readings.
+        """
         empty = (*self.layout.empty, *[True] * len(self.names))
         labels = (*self.layout.labels, *[False] * len(self.names))
+        is_named = self.facts["named"]
         for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            if k == 0 and (not is_named or name in self.facts["unnamed"]):
+                continue
             if empty[k] and not labels[k] and unit is None and not names_a_number(name):
                 yield k
 
