@@ -22,6 +22,7 @@ from metrosep.cli.options import (
     missing_options,
     name_values,
     phase,
+    preset_words,
     say,
     say_next,
     tool_option,
@@ -171,12 +172,7 @@ def machine_tables(
     if as_json:
         click.echo(json.dumps(found, sort_keys=True, allow_nan=False))
     else:  # what stays is read in another place, with the tables active
-        own = [
-            w
-            for o in ("pivot_height", "radius")
-            if options[o]
-            for w in (f"--{o.replace('_', '-')}", options[o])
-        ]
+        own = preset_words(options)
         say_next("calibrate", machine, "NEW.csv", *own)
     return 0
 

@@ -19,6 +19,7 @@ from metrosep.cli.options import (
     name_values,
     option_words,
     phase,
+    preset_words,
     say,
     say_next,
 )
@@ -154,12 +155,7 @@ def calibrate(
     for file in result.files:
         say(f"wrote {file}")
     if out is not None:
-        own = [
-            w
-            for o in ("pivot_height", "radius")
-            if options[o]
-            for w in (f"--{o.replace('_', '-')}", options[o])
-        ]
+        own = preset_words(options)
         where = _where_it_was_read(chain_of(machine, options), out)
         say_next("machine-tables", machine, out, *own, *where, "-o", "tables")
     return 0

@@ -35,6 +35,7 @@ __all__ = [
     "optional_read_options",
     "override_option",
     "phase",
+    "preset_words",
     "read_aloud",
     "report_option",
     "require_place",
@@ -424,6 +425,16 @@ def say_next(command: str, *words: object) -> None:
     marks = (("'" if '"' in w else '"', w) for w in map(str, words))
     typed = " ".join(w if re.fullmatch(r"[\w.,=:/*+-]+", w) else f"{q}{w}{q}" for q, w in marks)
     say(f"next: metrosep {command} {typed}")
+
+
+def preset_words(options: Mapping[str, Any]) -> list[str]:
+    """Return what a preset of a machine was given, as it is typed."""
+    return [
+        word
+        for option in ("pivot_height", "radius")
+        if options[option]
+        for word in (f"--{option.replace('_', '-')}", options[option])
+    ]
 
 
 def option_words(message: str, keys: Iterable[str]) -> str:
