@@ -378,8 +378,8 @@ def _tables(
     return _written(ready, before, after, made.messages, "nodes and between", options)
 
 
-def _own_error(made: MachineTables, axis: str) -> tuple[Callable[..., Any], float]:
-    """Return by how much the commands of an axis are wrong, about the reference, and its P-V.
+def _own_error(made: MachineTables, axis: str) -> tuple[Callable[..., Any], float, float]:
+    """Return by how much the commands of an axis are wrong, about the reference, its P-V, and it there.
 
     The P-V is that at the nodes and between them: a wave as long as the spacing is nothing at the nodes.
     """
@@ -402,7 +402,21 @@ def _own_error(made: MachineTables, axis: str) -> tuple[Callable[..., Any], floa
         return parts - offset
 
     places = made.between()
-    return error, float(np.ptp(error(*(places[a] for a in made.over))))
+    return error, float(np.ptp(error(*(places[a] for a in made.over)))), offset
+
+
+def moves_somewhere(
+    chain: Chain, terms: Any, positions: Mapping[str, Any], at: Mapping[str, float]
+) -> bool:
+    """Whether a table over these axes, one or two, would hold anything; what refuses it is for the table to say."""
+    from metrosep.compensation.from_machine import ZERO, tables_over
+    from metrosep.core.errors import DataError
+
+    try:
+        made = tables_over(chain, terms, tuple(positions), positions, None, at=at)
+    except DataError:
+        return True
+    return any(_own_error(made, axis)[1] >= ZERO for axis in made)
 
 
 # ---- three axes ---------------------------------------------------------------------------------
@@ -419,7 +433,7 @@ def _volume(
     if name == "grid":
         ready, judged = _judged_grid(made, folder, force=force)
         return {**_grid_written(made, ready, judged, options), "verification": judged}
-    wanted: dict[tuple[tuple[str, ...], str], tuple[Any, Any, float]] = {}
+    wanted: dict[tuple[tuple[str, ...], str], tuple[Any, Any, float, float]] = {}
     for (looked, axis), table in made.parts.items():
         place = dict(zip(made.over, common["reference"] or _zero(made), strict=True))
         alone = tables_over(
@@ -580,7 +594,7 @@ def _grid(made: MachineVolume, folder: Path, *, force: bool) -> Prepared:
 
 
 def _prepared(
-    wanted: Mapping[tuple[tuple[str, ...], str], tuple[Any, Any, float]],
+    wanted: Mapping[tuple[tuple[str, ...], str], tuple[Any, Any, float, float]],
     name: str,
     folder: Path,
     options: dict[str, Any],
@@ -616,7 +630,7 @@ def _prepared(
     }
     asked = {  # of the files that are written
         f"machine {stems[key]}.{o.name}=...": f"{o.name}: {o.help}"
-        for key, (_, _, size) in wanted.items()
+        for key, (_, _, size, _) in wanted.items()
         if size >= ZERO
         for o in missing_facts(facts_of[key], dialect.options)
     }
@@ -626,7 +640,7 @@ def _prepared(
     lookups: dict[tuple[tuple[str, ...], str], Callable[..., Any]] = {}
     stated: dict[str, dict[str, Any]] = {}
     with tempfile.TemporaryDirectory(prefix="metrosep-machine-") as temporary:
-        for key, (table, error, size) in wanted.items():
+        for key, (table, error, size, _) in wanted.items():
             place = folder / f"{stems[key]}{dialect.info.suffix}"
             named = f"{key[1]} over {', '.join(key[0])}"
             # what the corrections of other axes add to it, second order, is judged with all files together
@@ -670,10 +684,25 @@ def _prepared(
             lookups[key] = simulate(Path(temporary) / prepared.target.name, name, **own_options)
             ready.append(prepared)
     if not ready:
-        raise click.UsageError(
-            "no axis needs a correction here: the ERRORS do not move the tool point"
-        )
+        raise click.UsageError(_no_table(wanted))
     return _in_one_file(dialect, ready, lookups, folder), lookups
+
+
+def _no_table(wanted: Mapping[tuple[tuple[str, ...], str], tuple[Any, Any, float, float]]) -> str:
+    """Return why no axis needs a table: nothing moves the tool point, or it is moved alike everywhere."""
+    from metrosep.compensation.from_machine import ZERO
+    from metrosep.core.units import format_length
+
+    shifts = {axis: off for (_, axis), (_, _, _, off) in wanted.items() if abs(off) >= ZERO}
+    if not shifts:
+        return "no axis needs a correction here: the ERRORS do not move the tool point"
+    over = ", ".join(dict.fromkeys(a for looked, _ in wanted for a in looked))
+    sizes = ", ".join(f"{a} {format_length(off, digits=4)}" for a, off in sorted(shifts.items()))
+    return (
+        f"no axis needs a table over {over}: along it the ERRORS shift the tool point by the same everywhere "
+        f"(error {sizes}), and a table is zero at its reference; enter minus that as an offset of "
+        f"{', '.join(sorted(shifts))} in the control, or name another axis with --over"
+    )
 
 
 def _require_apart(dialect: Any, files: Mapping[str, Mapping[str, Any]]) -> None:
