@@ -29,7 +29,7 @@ from metrosep.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from metrosep.compensation.from_machine import MachineTables, MachineVolume
+    from metrosep.compensation.from_machine import MachineVolume
     from metrosep.controllers.base import Prepared
     from metrosep.machine.chains import Chain
 
@@ -362,11 +362,11 @@ def _tables(
 ) -> dict[str, Any]:  # fmt: skip
     """Make, judge and write a table or map for each corrected axis."""
     from metrosep.compensation._machine_errors import rms_of_vectors
-    from metrosep.compensation.from_machine import tables_over
+    from metrosep.compensation.from_machine import axis_error, tables_over
 
     over, positions, reference = (common.pop(k) for k in ("over", "positions", "reference"))
     made = tables_over(chain, terms, over, positions, reference, **common)
-    wanted = {(made.over, axis): (table, *_own_error(made, axis)) for axis, table in made.items()}
+    wanted = {(made.over, axis): (table, *axis_error(made, axis)) for axis, table in made.items()}
     ready, lookups = _prepared(wanted, name, folder, options, force=force)
     where = made.between()
     before, after = (
@@ -378,47 +378,6 @@ def _tables(
     return _written(ready, before, after, made.messages, "nodes and between", options)
 
 
-def _own_error(made: MachineTables, axis: str) -> tuple[Callable[..., Any], float, float]:
-    """Return by how much the commands of an axis are wrong, about the reference, its P-V, and it there.
-
-    The P-V is that at the nodes and between them: a wave as long as the spacing is nothing at the nodes.
-    """
-    import numpy as np
-
-    table = made[axis]
-    zero = table.reference if isinstance(table.reference, tuple) else (table.reference,)
-    there = dict(zip(made.over, zero, strict=True))
-    offset = float(made.source.in_axes({**made.at, **there})[axis])
-
-    def error(*places: Any) -> Any:
-        grid = zip(
-            places, made.source.grid, strict=True
-        )  # beyond the nodes the error of the end holds
-        inside = [np.clip(np.asarray(p, dtype=np.float64), g[0], g[-1]) for p, g in grid]
-        q = {**made.at, **dict(zip(made.over, np.broadcast_arrays(*inside), strict=True))}
-        found, inverse = made.source.moved(q, {}), made.source.inverse(q)
-        k = made.source.names.index(axis)
-        parts = np.einsum("...i,...i->...", inverse[..., k, :], found[..., made.source.known])
-        return parts - offset
-
-    places = made.between()
-    return error, float(np.ptp(error(*(places[a] for a in made.over)))), offset
-
-
-def moves_somewhere(
-    chain: Chain, terms: Any, positions: Mapping[str, Any], at: Mapping[str, float]
-) -> bool:
-    """Whether a table over these axes, one or two, would hold anything; what refuses it is for the table to say."""
-    from metrosep.compensation.from_machine import ZERO, tables_over
-    from metrosep.core.errors import DataError
-
-    try:
-        made = tables_over(chain, terms, tuple(positions), positions, None, at=at)
-    except DataError:
-        return True
-    return any(_own_error(made, axis)[1] >= ZERO for axis in made)
-
-
 # ---- three axes ---------------------------------------------------------------------------------
 
 
@@ -427,7 +386,7 @@ def _volume(
     *, force: bool,
 ) -> dict[str, Any]:  # fmt: skip
     """Write corrections over three axes: as tables to be added up, or as a neutral grid."""
-    from metrosep.compensation.from_machine import tables_over, volume_from_machine
+    from metrosep.compensation.from_machine import axis_error, tables_over, volume_from_machine
 
     made = volume_from_machine(chain, terms, **common)
     if name == "grid":
@@ -441,7 +400,7 @@ def _volume(
             at={**common["at"], **{a: v for a, v in place.items() if a != looked}},
             **({"tool": common["tool"]} if "tool" in common else {}),
         )  # fmt: skip
-        wanted[(looked,), axis] = (table, *_own_error(alone, axis))
+        wanted[(looked,), axis] = (table, *axis_error(alone, axis))
     ready_tables, lookups = _prepared(wanted, name, folder, options, force=force)
     by_pair = {(k[0], a): f for (k, a), f in lookups.items()}
     judged = made.added_up(lookups=by_pair)

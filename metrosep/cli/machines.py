@@ -179,7 +179,7 @@ def _where_it_was_read(chain: Chain, out: str) -> list[str]:
     import numpy as np
 
     from metrosep.cli.error_files import terms_of
-    from metrosep.cli.machine_tables import moves_somewhere
+    from metrosep.compensation.from_machine import moves_somewhere
 
     kinds = chain.dimensions
     terms, known = terms_of((out,), kinds)

@@ -122,7 +122,7 @@ def test_the_last_line_of_a_calibration_runs_as_it_is_printed(call, folder, tmp_
     assert (tmp_path / "tables" / "x-x.csv").is_file()
 
 
-def test_a_line_of_C_that_stands_beside_its_place_is_an_offset_and_no_table_over_C(
+def test_a_line_that_stands_beside_its_place_is_an_offset_and_needs_no_table(
     call, folder, tmp_path, monkeypatch
 ):
     """X0C shifts the table alike at every A and C; Y0C only as long as A does not turn."""
