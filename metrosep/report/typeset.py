@@ -169,6 +169,8 @@ def _script(letters: Sequence[str]) -> str:
     signs = [c for c in letters if unicodedata.category(c) == "Lo"] or letters
     names = [unicodedata.name(c, "UNKNOWN").split()[0] for c in signs]
     found = dict.fromkeys(words.get(n.partition("-")[0], n.capitalize()) for n in names)
+    if "Japanese" in found:
+        found.pop(words["CJK"], None)
     return " and ".join([*found][:2]) or "needed"
 
 
