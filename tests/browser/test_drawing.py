@@ -471,6 +471,29 @@ def test_eight_sections_have_eight_colours_and_a_ninth_is_refused(
         assert y0 == y1
 
 
+@pytest.mark.parametrize(("width", "height"), [(1366, 768), (390, 844)])
+def test_the_plus_of_the_section_adds_another(
+    opened: Opened, map_file: Path, width: int, height: int
+) -> None:
+    page = opened(map_file)
+    try:
+        page.show(width, height)
+        for n in range(2):
+            if width < 700:
+                page.click('#parts [data-part="section"]')
+            page.click("#section-add")
+            page.wait("document.querySelector('#map').checkVisibility()")
+            hand = Hand(page)
+            start, end = (1.0 * MM, (2 + n) * MM), (4.0 * MM, (2 + n) * MM)
+            settled(page, lambda hand=hand, start=start, end=end: hand.drag(start, end))
+            lines = hand.data()["section"]
+            assert len(lines) == n + 1
+            assert np.abs(np.subtract(point(lines[n]["a"]), start)).max() <= hand.near
+            assert np.abs(np.subtract(point(lines[n]["b"]), end)).max() <= hand.near
+    finally:
+        page.show(1366, 768)
+
+
 def test_a_step_is_measured_in_full_resolution_and_its_peak_is_marked(
     opened: Opened, map_file: Path
 ) -> None:

@@ -326,6 +326,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
   drawAll();
   return {
     key, lines: () => linesOf(shapes()),
+    addLine: () => tool !== "section" && use("section"),
     /** What keys do, by letter. @type {Record<string, () => void>} */
     acts: { n: flip, ...Object.fromEntries(TOOLS.map(([letter, name]) => [letter.toLowerCase(), () => use(name)])) },
     /** Another recipe, or another file. */
