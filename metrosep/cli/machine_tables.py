@@ -29,7 +29,7 @@ from metrosep.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from metrosep.compensation.from_machine import MachineTables, MachineVolume
+    from metrosep.compensation.from_machine import MachineVolume
     from metrosep.controllers.base import Prepared
     from metrosep.machine.chains import Chain
 
@@ -362,11 +362,11 @@ def _tables(
 ) -> dict[str, Any]:  # fmt: skip
     """Make, judge and write a table or map for each corrected axis."""
     from metrosep.compensation._machine_errors import rms_of_vectors
-    from metrosep.compensation.from_machine import tables_over
+    from metrosep.compensation.from_machine import axis_error, tables_over
 
     over, positions, reference = (common.pop(k) for k in ("over", "positions", "reference"))
     made = tables_over(chain, terms, over, positions, reference, **common)
-    wanted = {(made.over, axis): (table, *_own_error(made, axis)) for axis, table in made.items()}
+    wanted = {(made.over, axis): (table, *axis_error(made, axis)) for axis, table in made.items()}
     ready, lookups = _prepared(wanted, name, folder, options, force=force)
     where = made.between()
     before, after = (
@@ -378,33 +378,6 @@ def _tables(
     return _written(ready, before, after, made.messages, "nodes and between", options)
 
 
-def _own_error(made: MachineTables, axis: str) -> tuple[Callable[..., Any], float]:
-    """Return by how much the commands of an axis are wrong, about the reference, and its P-V.
-
-    The P-V is that at the nodes and between them: a wave as long as the spacing is nothing at the nodes.
-    """
-    import numpy as np
-
-    table = made[axis]
-    zero = table.reference if isinstance(table.reference, tuple) else (table.reference,)
-    there = dict(zip(made.over, zero, strict=True))
-    offset = float(made.source.in_axes({**made.at, **there})[axis])
-
-    def error(*places: Any) -> Any:
-        grid = zip(
-            places, made.source.grid, strict=True
-        )  # beyond the nodes the error of the end holds
-        inside = [np.clip(np.asarray(p, dtype=np.float64), g[0], g[-1]) for p, g in grid]
-        q = {**made.at, **dict(zip(made.over, np.broadcast_arrays(*inside), strict=True))}
-        found, inverse = made.source.moved(q, {}), made.source.inverse(q)
-        k = made.source.names.index(axis)
-        parts = np.einsum("...i,...i->...", inverse[..., k, :], found[..., made.source.known])
-        return parts - offset
-
-    places = made.between()
-    return error, float(np.ptp(error(*(places[a] for a in made.over))))
-
-
 # ---- three axes ---------------------------------------------------------------------------------
 
 
@@ -413,13 +386,13 @@ def _volume(
     *, force: bool,
 ) -> dict[str, Any]:  # fmt: skip
     """Write corrections over three axes: as tables to be added up, or as a neutral grid."""
-    from metrosep.compensation.from_machine import tables_over, volume_from_machine
+    from metrosep.compensation.from_machine import axis_error, tables_over, volume_from_machine
 
     made = volume_from_machine(chain, terms, **common)
     if name == "grid":
         ready, judged = _judged_grid(made, folder, force=force)
         return {**_grid_written(made, ready, judged, options), "verification": judged}
-    wanted: dict[tuple[tuple[str, ...], str], tuple[Any, Any, float]] = {}
+    wanted: dict[tuple[tuple[str, ...], str], tuple[Any, Any, float, float]] = {}
     for (looked, axis), table in made.parts.items():
         place = dict(zip(made.over, common["reference"] or _zero(made), strict=True))
         alone = tables_over(
@@ -427,7 +400,7 @@ def _volume(
             at={**common["at"], **{a: v for a, v in place.items() if a != looked}},
             **({"tool": common["tool"]} if "tool" in common else {}),
         )  # fmt: skip
-        wanted[(looked,), axis] = (table, *_own_error(alone, axis))
+        wanted[(looked,), axis] = (table, *axis_error(alone, axis))
     ready_tables, lookups = _prepared(wanted, name, folder, options, force=force)
     by_pair = {(k[0], a): f for (k, a), f in lookups.items()}
     judged = made.added_up(lookups=by_pair)
@@ -580,7 +553,7 @@ def _grid(made: MachineVolume, folder: Path, *, force: bool) -> Prepared:
 
 
 def _prepared(
-    wanted: Mapping[tuple[tuple[str, ...], str], tuple[Any, Any, float]],
+    wanted: Mapping[tuple[tuple[str, ...], str], tuple[Any, Any, float, float]],
     name: str,
     folder: Path,
     options: dict[str, Any],
@@ -616,7 +589,7 @@ def _prepared(
     }
     asked = {  # of the files that are written
         f"machine {stems[key]}.{o.name}=...": f"{o.name}: {o.help}"
-        for key, (_, _, size) in wanted.items()
+        for key, (_, _, size, _) in wanted.items()
         if size >= ZERO
         for o in missing_facts(facts_of[key], dialect.options)
     }
@@ -626,7 +599,7 @@ def _prepared(
     lookups: dict[tuple[tuple[str, ...], str], Callable[..., Any]] = {}
     stated: dict[str, dict[str, Any]] = {}
     with tempfile.TemporaryDirectory(prefix="metrosep-machine-") as temporary:
-        for key, (table, error, size) in wanted.items():
+        for key, (table, error, size, _) in wanted.items():
             place = folder / f"{stems[key]}{dialect.info.suffix}"
             named = f"{key[1]} over {', '.join(key[0])}"
             # what the corrections of other axes add to it, second order, is judged with all files together
@@ -670,10 +643,25 @@ def _prepared(
             lookups[key] = simulate(Path(temporary) / prepared.target.name, name, **own_options)
             ready.append(prepared)
     if not ready:
-        raise click.UsageError(
-            "no axis needs a correction here: the ERRORS do not move the tool point"
-        )
+        raise click.UsageError(_no_table(wanted))
     return _in_one_file(dialect, ready, lookups, folder), lookups
+
+
+def _no_table(wanted: Mapping[tuple[tuple[str, ...], str], tuple[Any, Any, float, float]]) -> str:
+    """Return why no axis needs a table: nothing moves the tool point, or it is moved alike everywhere."""
+    from metrosep.compensation.from_machine import ZERO
+    from metrosep.core.units import format_length
+
+    shifts = {axis: off for (_, axis), (_, _, _, off) in wanted.items() if abs(off) >= ZERO}
+    if not shifts:
+        return "no axis needs a correction here: the ERRORS do not move the tool point"
+    over = ", ".join(dict.fromkeys(a for looked, _ in wanted for a in looked))
+    sizes = ", ".join(f"{a} {format_length(off, digits=4)}" for a, off in sorted(shifts.items()))
+    return (
+        f"no axis needs a table over {over}: along it the ERRORS shift the tool point by the same everywhere "
+        f"(error {sizes}), and a table is zero at its reference; enter minus that as an offset of "
+        f"{', '.join(sorted(shifts))} in the control, or name another axis with --over"
+    )
 
 
 def _require_apart(dialect: Any, files: Mapping[str, Mapping[str, Any]]) -> None:

@@ -157,7 +157,13 @@ def calibrate(
     if out is not None:
         own = preset_words(options)
         where = _where_it_was_read(chain_of(machine, options), out)
-        say_next("machine-tables", machine, out, *own, *where, "-o", "tables")
+        if where:
+            say_next("machine-tables", machine, out, *own, *where, "-o", "tables")
+        else:
+            say(
+                "note: no table is needed: over each axis these errors shift the tool point by the same "
+                "everywhere, which is an offset of the axes in the control"
+            )
     return 0
 
 
@@ -166,8 +172,14 @@ _STEPS = 10
 
 
 def _where_it_was_read(chain: Chain, out: str) -> list[str]:
-    """Return the options of tables over the axes that turn and have errors, or the first linear one."""
+    """Return the options of tables over axes along which the errors change, those that were read first.
+
+    The axes that turn and have errors come first, then the linear ones; empty where no table holds anything.
+    """
+    import numpy as np
+
     from metrosep.cli.error_files import terms_of
+    from metrosep.compensation.from_machine import moves_somewhere
 
     kinds = chain.dimensions
     terms, known = terms_of((out,), kinds)
@@ -177,22 +189,30 @@ def _where_it_was_read(chain: Chain, out: str) -> list[str]:
             f"{math.degrees(value):.6g} deg" if kinds[axis] == "angle" else f"{1e3 * value:.6g} mm"
         )
 
+    def span(axis: str) -> tuple[float, float]:
+        return known.get(axis, (0.0, 2.0 * math.pi if kinds[axis] == "angle" else 0.4))
+
     moving = [e for e in chain.elements if e.kind != "fixed" and not e.parked]
     names = [e.name for e in sorted(moving, key=lambda e: (e.kind == "rotary", e.name))]
     read = [a for a in names if any(str(term).endswith(a) for term in terms.values)]
-    over = [a for a in read if kinds[a] == "angle"][:2] or (read or names)[:1]
-    steps, words = [], []
-    for axis in over:
-        turn = 2.0 * math.pi if kinds[axis] == "angle" else 0.4
-        low, high = known.get(axis, (0.0, turn))
-        steps.append(typed((high - low) / _STEPS, axis))
-        if axis not in known:
-            words += ["--span", f"{axis}={typed(low, axis)}..{typed(high, axis)}"]
-    for axis in (a for a in names if a not in over):
-        low, high = known.get(axis, (0.0, 0.0))
-        words += ["--at", f"{axis}={typed(min(max(0.0, low), high), axis)}"]
-    spacing = [f"{a}={s}" for a, s in zip(over, steps, strict=True)]
-    return ["--over", ",".join(over), "--spacing", ",".join(spacing), *words]
+    place = {a: min(max(0.0, known[a][0]), known[a][1]) if a in known else 0.0 for a in names}
+    usual = [a for a in read if kinds[a] == "angle"][:2] or (read or names)[:1]
+    turning = [a for a in names if kinds[a] == "angle"][:2]
+    for over in (usual, turning, *([a] for a in names)):
+        positions = {a: np.linspace(*span(a), _STEPS + 1) for a in over}
+        at = {a: v for a, v in place.items() if a not in over}
+        if over and moves_somewhere(chain, terms, positions, at):
+            break
+    else:
+        return []
+    spacing = [f"{a}={typed((span(a)[1] - span(a)[0]) / _STEPS, a)}" for a in over]
+    words = ["--over", ",".join(over), "--spacing", ",".join(spacing)]
+    for axis in (a for a in over if a not in known):
+        low, high = span(axis)
+        words += ["--span", f"{axis}={typed(low, axis)}..{typed(high, axis)}"]
+    for axis, value in at.items():
+        words += ["--at", f"{axis}={typed(value, axis)}"]
+    return words
 
 
 _PLACES = 5

@@ -354,6 +354,42 @@ def tables_over(
     )
 
 
+def axis_error(made: MachineTables, axis: str) -> tuple[Callable[..., Any], float, float]:
+    """Return by how much the commands of an axis are wrong, about the reference, its P-V, and it there.
+
+    The P-V is that at the nodes and between them: a wave as long as the spacing is nothing at the nodes.
+    """
+    table = made[axis]
+    zero = table.reference if isinstance(table.reference, tuple) else (table.reference,)
+    there = dict(zip(made.over, zero, strict=True))
+    offset = float(made.source.in_axes({**made.at, **there})[axis])
+
+    def error(*places: Any) -> Any:
+        grid = zip(
+            places, made.source.grid, strict=True
+        )  # beyond the nodes the error of the end holds
+        inside = [np.clip(np.asarray(p, dtype=np.float64), g[0], g[-1]) for p, g in grid]
+        q = {**made.at, **dict(zip(made.over, np.broadcast_arrays(*inside), strict=True))}
+        found, inverse = made.source.moved(q, {}), made.source.inverse(q)
+        k = made.source.names.index(axis)
+        parts = np.einsum("...i,...i->...", inverse[..., k, :], found[..., made.source.known])
+        return parts - offset
+
+    places = made.between()
+    return error, float(np.ptp(error(*(places[a] for a in made.over)))), offset
+
+
+def moves_somewhere(
+    chain: Chain, terms: Any, positions: Mapping[str, Any], at: Mapping[str, float]
+) -> bool:
+    """Whether a table over these axes, one or two, would hold anything; what refuses it is for the table to say."""
+    try:
+        made = tables_over(chain, terms, tuple(positions), positions, None, at=at)
+    except DataError:
+        return True
+    return any(axis_error(made, axis)[1] >= ZERO for axis in made)
+
+
 def _corrected(
     chain: Chain,
     errors: Any,

@@ -122,6 +122,29 @@ def test_the_last_line_of_a_calibration_runs_as_it_is_printed(call, folder, tmp_
     assert (tmp_path / "tables" / "x-x.csv").is_file()
 
 
+def test_a_line_that_stands_beside_its_place_is_an_offset_and_needs_no_table(
+    call, folder, tmp_path, monkeypatch
+):
+    """X0C shifts the table alike at every A and C; Y0C only as long as A does not turn."""
+    monkeypatch.chdir(tmp_path)
+    words = ("--pivot-height", "80 mm")
+    done = calibrated(call, folder, "--terms", "X0C", "-o", "of_x")
+    assert done.err.splitlines()[-1].startswith("note: no table is needed")
+    done = calibrated(call, folder, "--terms", "X0C,Y0C", "-o", "terms")
+    last = done.err.splitlines()[-1]
+    assert "--over A,C " in last
+    assert call(*shlex.split(last.removeprefix("next: metrosep "))).code == 0
+    (tmp_path / "of_x" / "constants.toml").write_text('X0C = "10 um"\n', "utf-8")
+    refused = call(
+        "machine-tables", "five_axis", "of_x/constants.toml", *words, "--over", "C",
+        "--spacing", "36 deg", "--span", "C=0 deg..360 deg", "-o", "none",
+        *(w for a in ("X=0 mm", "Y=0 mm", "Z=0 mm", "A=0 deg") for w in ("--at", a)),
+    )  # fmt: skip
+    assert refused.code == 2
+    assert "(error X -10 um)" in refused.err  # the table is at +10 um, the tool is short of it
+    assert "offset of X in the control" in refused.err
+
+
 def test_untidy_files_of_readings_are_read(call, folder, truth, tmp_path):
     """Semicolons, decimal commas, a mark of Windows, columns in another order, lengths in m and mm."""
     files = []
