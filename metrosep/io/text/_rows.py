@@ -523,7 +523,7 @@ class Body:
                 self.ledger.count("blank", 1)
                 continue
             if len(line) > LONGEST_FIELD and not is_comment(line, options.comment):
-                refuse_long(self._file.path, number, line)
+                refuse_long(self._file, number, line)
             if is_rule(line):
                 self.ledger.add("rule", number, line)
                 continue
@@ -668,7 +668,7 @@ class Body:
                 "the remark behind the row may change what the row says",
                 field=f"line {number}",
                 found=repr(text[:40]),
-                hint=f"leave that line out with skip_lines='{number}', or correct it and remove the remark",
+                hint=f"leave that line out with {self._file.without_lines(number)}, or correct it and remove the remark",
             )
         self.ledger.note("remark", number, text)
         return fields
@@ -733,7 +733,7 @@ class Body:
                     field=f"line {number}",
                     expected=f"{self._n} fields ({self._layout.dialect})",
                     found=repr(line.strip()[:60]),
-                    hint=f"if it may be omitted, give skip_lines='{number}'; else split the file there",
+                    hint=f"if it may be omitted, give {self._file.without_lines(number)}; else split the file there",
                 )
         waiting = [number for number, *_ in self._pending]
         self._pending = []
@@ -759,7 +759,7 @@ class Body:
             field=f"line {number} ({line.strip()[:60]!r})",
             expected=f"{self._n} fields ({self._layout.dialect})",
             found=f"{found}",
-            hint=f"copy the file again, or leave that line out with skip_lines='{number}'",
+            hint=f"copy the file again, or leave that line out with {self._file.without_lines(number)}",
         )
 
     def _columns(

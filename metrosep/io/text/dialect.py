@@ -12,7 +12,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from metrosep.core.errors import (
     AmbiguousFormatError,
@@ -26,6 +26,9 @@ from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit, column_unit, parse_unit
 from metrosep.io.text.encoding import ROLE_WORDS, Role
 from metrosep.io.text.times import is_moment
+
+if TYPE_CHECKING:
+    from metrosep.io.source import RawFile
 
 __all__ = [
     "BEYOND",
@@ -187,7 +190,7 @@ def fields_in_quotes(line: str, mark: str) -> list[str]:
         return line.split(mark)
 
 
-def refuse_long(path: object, number: int, line: str) -> None:
+def refuse_long(file: RawFile, number: int, line: str) -> None:
     """Refuse a line with a field or a remark that is too long, or too many fields, for a table."""
     if len(line) <= _MOST_COLUMNS:
         return
@@ -202,8 +205,8 @@ def refuse_long(path: object, number: int, line: str) -> None:
     else:
         return
     raise FormatMismatchError(
-        f"{path}: line {number} has {len(line)} characters with {what}; shorten it, or leave it out with "
-        f"skip_lines='{number}'"
+        f"{file.path}: line {number} has {len(line)} characters with {what}; shorten it, or leave it out with "
+        f"{file.without_lines(number)}"
     )
 
 

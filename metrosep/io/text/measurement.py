@@ -31,6 +31,7 @@ from metrosep.core.units import Unit, likely_meaning, parse_unit
 from metrosep.io._roles import (
     ColumnSpec,
     is_read_too,
+    no_unit,
     pick,
     refuse_marker,
     role_of,
@@ -53,7 +54,7 @@ from metrosep.io.text.matrices import (
     matrix,
     shown_columns,
 )
-from metrosep.io.text.quality import is_truth
+from metrosep.io.text.quality import is_truth, where_it_turns
 from metrosep.io.text.table import (
     AS_THEY_FOLLOW,
     Column,
@@ -468,8 +469,8 @@ class _Made:
             if unknown.size and "separator" in table.header:
                 line = int(table.lines[unknown[0]])
                 raise self.mismatch(
-                    f"line {line} has no time ({unknown.size} such row(s)); correct it, or leave the line out "
-                    f"with skip_lines='{line}'"
+                    f"line {line} has no time ({unknown.size} such row(s)); correct it, or leave out what has none "
+                    f"with {self.file.without_lines(*table.lines[unknown].tolist())}"
                 )
             falls = np.empty(0, dtype=np.intp) if rises else np.flatnonzero(np.diff(t) < 0.0)
             summer = falls.size == 1 and 3000.0 < t[falls[0]] - t[falls[0] + 1] <= 3600.0
@@ -488,7 +489,7 @@ class _Made:
                 line = int(table.lines[falls[0] + 1])
                 raise self.mismatch(
                     f"line {line}: the time in column {timed.name!r} falls from {t[falls[0]]:g} s to "
-                    f"{t[falls[0] + 1]:g} s; correct it, or leave the line out with skip_lines='{line}'"
+                    f"{t[falls[0] + 1]:g} s; correct it, or leave the line out with {self.file.without_lines(line)}"
                 )
         else:
             if channel is None:
@@ -567,6 +568,14 @@ class _Made:
                 "the file holds positions, so lateral_step cannot replace them; leave it out"
             )
         if x is not None:
+            bare = {
+                role: column.name
+                for role, spec in (("x", x), ("z", z))
+                for column, unit in (pick(file, table, spec, role=role),)
+                if unit is None and column.values is not None
+            }
+            if len(bare) > 1 and self.scale is None:
+                raise no_unit(file, bare, "length")
             self.table = table = without_empty_rows(self.table)
         heights = self.lengths("z", z)
         self.used["scale_m_per_v"] = self.scale
@@ -579,11 +588,10 @@ class _Made:
             positions = self.lengths("x", x)
             empty = np.flatnonzero(np.isnan(positions))
             if empty.size:
-                every = ",".join(str(table.lines[i]) for i in empty)
                 raise self.mismatch(
                     f"line {int(table.lines[empty[0]])}: position x is NaN in {empty.size} row(s), "
                     "and a height without a position cannot be used; leave it out with "
-                    f"skip_lines='{every}'"
+                    f"{file.without_lines(*table.lines[empty].tolist())}"
                 )
         if np.isnan(heights).all():
             raise self.mismatch(f"column {self.used['z']!r} holds no number; nothing was measured")
@@ -593,7 +601,7 @@ class _Made:
         try:
             return Profile(positions, heights, **described)
         except DataError as exc:
-            raise type(exc)(f"{exc}{_where_it_turns(positions, table)}") from None
+            raise type(exc)(f"{exc}{where_it_turns(file, positions, table.lines)}") from None
 
 
 def _without_surroundings(table: Table) -> Table:
@@ -702,22 +710,6 @@ def _main_way(values: FloatArray | None) -> float:
         if s.size
     ]
     return float(max(ways, default=0.0))
-
-
-def _where_it_turns(positions: FloatArray, table: Table) -> str:
-    """Return the lines that may be left out where positions turn or repeat, as words of a message."""
-    steps = np.diff(positions)
-    if not steps.size or not steps[0] or len(table) != positions.size:
-        return ""
-    wrong = np.flatnonzero(np.sign(steps) != np.sign(steps[0]))
-    if not wrong.size:
-        return ""
-    rest, lines = steps[wrong[0] + 1 :], table.lines
-    back = rest.size and np.sign(rest[0]) != np.sign(steps[0]) and np.ptp(np.sign(rest)) == 0
-    last = lines[-1] if back else lines[wrong[0] + 1]
-    span = f"{lines[wrong[0] + 1]}-{last}" if back else f"{last}"
-    what = "what follows, the way back," if back else "that line"
-    return f" (line {int(lines[wrong[0] + 1])}); leave {what} out with skip_lines='{span}'"
 
 
 def _is_empty(column: Column) -> bool:

@@ -198,7 +198,7 @@ def read_table(file: RawFile, **text: Any) -> Table:
     odd, markers = markers_in(
         [c for c in columns if c.name not in exact], rows.lines, source.head.options
     )
-    odd += marked_bad(columns[len(names) :], rows.lines)
+    odd += marked_bad(file, columns[len(names) :], rows.lines)
     header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
     if undecided:
         header["undecided"] = undecided
@@ -212,11 +212,12 @@ def text_of(file: RawFile, options: TextOptions | Mapping[str, Any]) -> RawFile:
     """Return the text with the columns: the file itself, or the table of a container that is chosen."""
     if not isinstance(options, TextOptions):
         options = TextOptions.of(options)
-    if options.sheet is None and not file.head.startswith(_CONTAINERS):
-        return file
-    from metrosep.io.containers.sheets import as_text
+    if options.sheet is not None or file.head.startswith(_CONTAINERS):
+        from metrosep.io.containers.sheets import as_text
 
-    return as_text(file, options)
+        file = as_text(file, options)
+    file.asked = options
+    return file
 
 
 def _is_empty(column: Column) -> bool:
@@ -700,7 +701,7 @@ class TableHead:
                 others.append((number, line, "comment"))
             else:
                 first = number
-                refuse_long(file.path, number, line)
+                refuse_long(file, number, line)
                 if not content and _RUN.match(line):
                     above = (t.lstrip('# "') for _, t, k in others if k == "comment")
                     self.has_own_runs = any(map(is_marked, above))
@@ -745,7 +746,7 @@ class TableHead:
                 marks = " \t" if is_named else '#%!;/" \t'
                 self.comments.append(line.strip().lstrip(marks).rstrip('"'))
         preamble.take_comment(self.comments)
-        kinds |= dict.fromkeys(preamble.rest(), "preamble")
+        kinds |= dict.fromkeys(preamble.rest(self.first_line), "preamble")
         for place, line in content[: layout.start]:
             self._ledger.add(kinds[place], place, line)
             for k, further_line in enumerate(spans.get(place, ()), start=1):
