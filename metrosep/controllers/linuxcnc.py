@@ -45,7 +45,7 @@ from metrosep.controllers.base import (
 )
 from metrosep.controllers.options import TURN, Option, pick, whole
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
+from metrosep.core.errors import CorruptFileError, DataError, Example, LimitError, TableError
 
 __all__ = [
     "CHAIN_POINTS",
@@ -140,7 +140,7 @@ class LinuxCNC(Dialect):
                 f"{table.compensates}: loaded as it is it would move {table.axis}; say "
                 "cross_axis='hal' to carry it through the joint of "
                 f"{table.axis} and route it to {table.compensates} in HAL, or write controller='csv'"
-            )
+            ).hinting(cross_axis=Example("hal"))
         _check_type(table, joint_type)
         unit, name = _unit(o)
         n = table.positions.size
@@ -218,10 +218,15 @@ class LinuxCNC(Dialect):
             and "linear_units" not in options
             and not sidecar_path(path).is_file()
         ):
-            raise DataError(
-                f"{path}: the file has no sidecar, and its numbers no unit; give linear_units=mm or "
-                "linear_units=inch, [TRAJ]LINEAR_UNITS of the INI file (give joint_type=angular for an axis "
-                "that turns)"
+            raise (
+                DataError(
+                    f"{path}: the file has no sidecar, and its numbers no unit; give linear_units=mm or "
+                    "linear_units=inch, [TRAJ]LINEAR_UNITS of the INI file (give joint_type=angular for an "
+                    "axis that turns)"
+                )
+                .hinting(linear_units=Example("mm"))
+                .hinting(linear_units=Example("inch"))
+                .hinting(joint_type=Example("angular"))
             )
         unit, _ = _unit(known)
         forward, reverse = (table[:, 0] - table[:, 1]) * unit, (table[:, 0] - table[:, 2]) * unit
@@ -259,7 +264,7 @@ def _check_type(table: CompensationTable, joint_type: str) -> None:
             f"the axis of the table is {table.axis}, but joint_type={joint_type!r}: LinuxCNC counts a "
             f"{wanted} joint in {'degrees' if turns else 'mm or inch'}; say joint_type={wanted!r}, and set TYPE = "
             f"{wanted.upper()} in its [JOINT_n]"
-        )
+        ).hinting(joint_type=wanted)
 
 
 def _axes(path: Path, joint_type: str, *, first: float) -> dict[str, Any]:
@@ -665,9 +670,13 @@ class LinuxCNCLincurve(Dialect):
 
 def _check_table(table: CompensationTable, source: int, target: int) -> None:
     if table.reverse is not None:
-        raise TableError(
-            "a lincurve knows no direction, this table has a column for each: make it with "
-            "direction='both', or write controller='linuxcnc' with cross_axis='hal', which has two"
+        raise (
+            TableError(
+                "a lincurve knows no direction, this table has a column for each: make it with "
+                "direction='both', or write controller='linuxcnc' with cross_axis='hal', which has two"
+            )
+            .hinting(direction="both")
+            .hinting(cross_axis=Example("hal"))
         )
     if table.is_on_axis != (source == target):
         raise TableError(

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray, position
-from metrosep.core.errors import DataError, TooFewSamplesError, UnitError
+from metrosep.core.errors import DataError, Example, TooFewSamplesError, UnitError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -359,7 +359,7 @@ def require_steps(surface: Surface) -> None:
         raise DataError(
             "a section of a map without lateral steps has no lengths; read the file with "
             "lateral_step=..."
-        )
+        ).hinting(lateral_step=Example("3 um"))
 
 
 def _bilinear(z: FloatArray, row: FloatArray, column: FloatArray) -> FloatArray:
