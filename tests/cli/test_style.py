@@ -76,13 +76,11 @@ def _texts(folder):
     for path, tree in trees().items():
         if not path.is_relative_to(PACKAGE / folder):
             continue
-        quiet = {
-            id(node.value)
-            for node in ast.walk(tree)
-            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-        }
+        quiet = set()  # a parent comes before its children
         for node in ast.walk(tree):
-            if (
+            if isinstance(node, ast.Expr):
+                quiet.add(id(node.value))
+            elif (
                 isinstance(node, ast.Constant)
                 and isinstance(node.value, str)
                 and id(node) not in quiet
