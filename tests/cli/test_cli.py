@@ -513,4 +513,4 @@ def test_the_list_of_commands_says_the_first_sentence_of_each_and_loads_none(cap
 def test_a_command_that_is_nearly_one_is_named(metrosep):
     code, _, err = metrosep("measur", "x.h5")
     assert code == 2
-    assert "Did you mean 'measure'?" in err
+    assert 'Did you mean "measure"?' in err

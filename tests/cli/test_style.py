@@ -6,15 +6,12 @@ import json
 import re
 import shlex
 from functools import cache
-from pathlib import Path
 
 import click
 import pytest
+from contracts.sources import PACKAGE, trees
 
-import metrosep
 from metrosep.cli.main import _GROUPS, _HOMES, cli, main
-
-PACKAGE = Path(metrosep.__file__).parent
 
 WORDS = {
     "doubt": r"\bdoubt(?:s|ful)?\b",
@@ -57,11 +54,6 @@ def helps():
 def messages(folder):
     """Return the texts in code that a user can see: no docstring, no comment of a constant."""
     return tuple(_texts(folder))
-
-
-@cache
-def trees():
-    return {p: ast.parse(p.read_text(encoding="utf-8")) for p in sorted(PACKAGE.rglob("*.py"))}
 
 
 def _pages(node, path):
