@@ -371,12 +371,24 @@ def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
             names.pop()
         if len(names) == n_columns and all(names):
             return None if any(n in _NO_NAMES for n in names) else names
+        if len(names) == n_columns and mark == separator != " ":
+            return None  # one has none
         if mark == separator == " ":
             names = re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", text)
             if len(names) == n_columns:
                 return names if _NO_NAMES.isdisjoint(names) else None
     names = text.split() if len(order) > 1 else []
-    return names if len(names) == n_columns and _NO_NAMES.isdisjoint(names) else None
+    few = 2 * sum(map(_is_known, names)) < n_columns  # a title of as many words
+    return None if few or len(names) != n_columns or not _NO_NAMES.isdisjoint(names) else names
+
+
+def _is_known(name: str) -> bool:
+    """Whether a name has a unit, or is what columns are called."""
+    bare, unit = header_unit(name)
+    return unit is not None or re.sub(r"[\W\d_]+$", "", bare.casefold()) in _ROLE_NAMES
+
+
+_ROLE_NAMES = frozenset(w for words in ROLE_WORDS.values() for w in words.split())
 
 
 _NO_WORD = re.compile("[\x80-\x9f]|[\xa0-\xff]{3}")
@@ -585,18 +597,21 @@ def _fit(
     numbered = [i for i, k in enumerate(kinds) if _is_numbered(k)]
     if not numbered:
         return None
+    lacking: set[int] = set()
     if dialect.separator not in {" ", ", "}:
         n_full = _n_where_rows_lack(split, kinds, numbered)
-        for i in numbered:
+        lacking = {i for i in numbered if len(split[i]) < n_full}
+        for i in lacking:
             kinds[i] += ["missing"] * (n_full - len(split[i]))
             split[i] = [*split[i], *[""] * (n_full - len(split[i]))]
     n_raw = Counter(len(split[i]) for i in numbered).most_common(1)[0][0]
     n = max(n_used(split[i]) for i in numbered if len(split[i]) == n_raw)
     alike = [i for i in numbered if len(split[i]) >= n and n_used(split[i]) <= n]
+    whole = [i for i in alike if i not in lacking] or alike
     labels, dated = (
         tuple(
-            2 * sum(kinds[i][k] in what for i in alike)
-            > sum(kinds[i][k] != "missing" for i in alike)
+            2 * sum(kinds[i][k] in what for i in whole)
+            > sum(kinds[i][k] != "missing" for i in whole)
             for k in range(n)
         )
         for what in (_TEXTS, ("date",))
