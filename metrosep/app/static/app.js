@@ -61,7 +61,7 @@ const tree = makeTree(el("steps"), {
 });
 const views = makeViews({
   wire, level: () => ladder.level, stage: () => tree.chosen, kind: () => session.kind ?? "none", failed: fail,
-  judged: () => shownStep()?.op === "psd", shown: memory.put, learn: (header) => drawing.learn(header), lines: () => drawing.lines(),
+  judged: () => shownStep()?.op === "psd", shown: memory.put, learn: (header) => drawing.learn(header), reached: (failed) => drawStage(failed), lines: () => drawing.lines(),
   insert: (step, label) => tree.insert(step, label),
 });
 const drawing = makeDrawing({

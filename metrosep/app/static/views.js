@@ -36,9 +36,10 @@ const WIDENED = 150; // ms after a plot last changed its width, when its columns
  * @param {(view: Dict) => void} options.shown told what is to be remembered of the view
  * @param {() => number[][]} options.lines ends of sections
  * @param {(step: Dict, label: string) => void} options.insert a step
+ * @param {(failed: number | null) => void} options.reached told which step failed before what is shown
  * @param {(header: Dict) => void} options.learn told what a picture of the map says of it
  */
-export function makeViews({ wire, level, stage, kind, judged, failed, shown, learn, lines, insert }) {
+export function makeViews({ wire, level, stage, kind, judged, failed, shown, learn, reached, lines, insert }) {
   const el = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
   let shade = false;
   let placed = false;
@@ -124,6 +125,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       });
       if (String(map.get("extent")) !== String(header.extent)) map.put({ extent: header.extent });
       learn(header);
+      reached(header.failed);
       counted("map");
     } catch (error) {
       refused(error, (text) => {
@@ -178,7 +180,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       section.put({ others });
       polar.put({ is_preview: header.is_preview, rounds: others.filter((/** @type {Dict} */ one) => one.kind === "circle") });
     } catch (error) {
-      refused(error, () => section.put({ others: [] }));
+      refused(error, () => (section.put({ others: [] }), polar.put({ rounds: [] })));
     }
   }
 
@@ -273,6 +275,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       });
       if (mine !== epoch) return;
       const one = (/** @type {string} */ name) => ({ x: arrays[`${name}_x`], low: arrays[`${name}_low`], high: arrays[`${name}_high`] });
+      reached(header.failed);
       profile.put({ is_preview: header.is_preview, message: "", series: { measured: one("measured"), residual: one("residual") } });
     } catch (error) {
       refused(error, (text) => profile.put({ series: {}, message: text }));
