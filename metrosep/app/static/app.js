@@ -89,7 +89,7 @@ const tabs = makeTabs(el("tabs"), [
   { id: "view", label: (one) => (one.kind === "map" ? "Map" : "Profile"), fits: isOf("map", "profile"), make: null },
   { id: "runs", label: () => "Runs", fits: isOf("runs"), make: makeRuns },
   { id: "ranking", label: () => "Ranking", fits: (one) => one.kind === "method" && one.op === "rank", make: makeRanking },
-  { id: "machine", label: () => "Machine", fits: (one) => one.kind === "method" && ["calibrate", "circle", "thermal", "iso230_7"].includes(one.op), make: makeMachine },
+  { id: "machine", label: (one) => (["calibrate", "circle", "thermal", "iso230_7"].includes(one.op) ? "Machine" : "Pictures"), fits: (one) => one.kind === "method" && one.op !== "rank", make: makeMachine },
   { id: "table", label: () => "Table", fits: isOf("runs"), make: makeTable },
   { id: "report", label: () => "Report", fits: () => true, make: makeReport },
   { id: "compare", label: () => "Compare", fits: () => true, make: makeCompare },
