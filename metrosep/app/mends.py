@@ -1,44 +1,38 @@
 """Buttons beside what went wrong: each is an edit of the recipe that was tried before it is offered.
 
-An error carries what helps as data (`MetrosepError.hints`). Else its message names the key, as a
-recipe has it (``lateral_step = "... um" in [input]``): a word or a plain number is an edit; dots, and
-a quantity with its unit, which is an example there, are a question of the page.
+An error carries what helps as data (`MetrosepError.hints`): a value is an edit, an example is a
+question of the page.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from metrosep.app.documents import Edit, RecipeDocument
-from metrosep.core.errors import DataError, MetrosepError, RecipeError
+from metrosep.core.errors import DataError, Example, MetrosepError, RecipeError
 from metrosep.core.numbers import positive
 from metrosep.core.units import format_length
 
 __all__ = ["mends_of_edit", "mends_of_refusal", "mends_of_step", "mends_of_table", "scale"]
 
-_KEY = re.compile(
-    r'(?<![\w.\-"])([a-z_]\w*) = ("[^"]*"|\[[^\[\]]*\]|true|false|-?\d[\d.]*)(?: (in \[input\]))?'
-)
-_QUANTITY = re.compile(r'"[-+]?\d[\d.]*(?:e[-+]?\d+)? ?[^\s\d"][^\s"]*"')
 _MOST = 3
 """Buttons under one message."""
 
 
 def mends_of_step(
-    document: RecipeDocument, index: int, error: MetrosepError | str
+    document: RecipeDocument, index: int, error: MetrosepError
 ) -> list[dict[str, Any]]:
     """Return what may be done where a step cannot be run, what the error names first.
 
     Each is ``{label, edits}``; with ``ask`` (``{label, hint}``) the page asks for the value of the
     last edit.
     """
-    place = ["step", index]
-    found = [m for m in _named(error, place) if m["ask"] or _works(document, m["edits"])]
     steps = document.recipe.steps
+    others = (k for k in range(len(steps)) if k != index)
+    found = _offered(document, error.hints, [["step", k] for k in (index, *others)])
     if len(steps) > 1 and steps[index]["op"] != "separate":  # all numbers of runs are of this one
-        skip = {"path": [*place, "enabled"], "new": False}
+        skip = {"path": ["step", index, "enabled"], "new": False}
         found = found[: _MOST - 1]
         if _works(document, [skip]):
             found.append({"label": f"Skip step {index + 1}", "edits": [skip], "ask": None})
@@ -58,10 +52,8 @@ def mends_of_refusal(document: RecipeDocument, error: MetrosepError) -> list[dic
             {"path": ["step", k], "old": stored, "new": None},
             {"path": ["step", len(steps) - 1], "old": None, "new": stored},
         ]
-        found = [
-            {"label": f"Move step {k + 1} to the end", "edits": moved, "ask": None},
-            *_named(error, ["step", k]),
-        ]
+        move = {"label": f"Move step {k + 1} to the end", "edits": moved, "ask": None}
+        found = [move, *_offered(document, error.hints, [["step", k]])]
     else:
         found = []
         if table is not None and table[0] == "[[check]]":
@@ -74,29 +66,21 @@ def mends_of_table(
     document: RecipeDocument, at: int, hints: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
     """Return what may be done where a table is refused; nothing that touches its sign or a waiver."""
-    found = []
-    for hint in hints:
-        keys = [(["output", at, k], ["output", at, "machine", k]) for k in hint]
-        for places in zip(*keys, strict=True):  # a key of the table, else a fact of its controller
-            mend = _mend(hint, places)
-            if _works(document, mend["edits"]):
-                found.append(mend)
-                break
+    table: list[str | int] = ["output", at]
+    places = (table, [*table, "machine"])  # a key of the table, else a fact of its controller
+    found = [m for m in _offered(document, hints, places) if not m["ask"]]
     return _with_old(document, found[:_MOST])
 
 
 def mends_of_edit(
-    document: RecipeDocument, edits: Sequence[Edit], error: MetrosepError | str
+    document: RecipeDocument, edits: Sequence[Edit], error: MetrosepError
 ) -> list[dict[str, Any]]:
     """Return edits that go with one that was refused, so that both together are taken."""
     made = [{"path": list(e.path), "old": e.old, "new": e.new} for e in edits]
-    found = []
-    for place in _places(document, edits):
-        for mend in _named(error, place):
-            whole = {**mend, "edits": [*made, *mend["edits"]]}
-            if not mend["ask"] and _works(document, whole["edits"]):
-                found.append(whole)
-    return _with_old(document, found[:_MOST])
+    named = [e.path[1] for e in edits if e.path[0] == "step" and len(e.path) > 1]
+    steps = dict.fromkeys([*named, *range(len(document.recipe.steps) + 1)])
+    found = _offered(document, error.hints, [["step", k] for k in steps], made)
+    return _with_old(document, [m for m in found if not m["ask"]][:_MOST])
 
 
 def scale(
@@ -116,59 +100,41 @@ def scale(
     return {"lateral_step": format_length(length / pixels, digits=9)}, {}
 
 
-def _places(document: RecipeDocument, edits: Sequence[Edit]) -> Iterator[list[str | int]]:
-    """Give the steps that a refused edit may be about: those it names, then all."""
-    named = [e.path[1] for e in edits if e.path[0] == "step" and len(e.path) > 1]
-    for k in dict.fromkeys([*named, *range(len(document.recipe.steps) + 1)]):
-        yield ["step", k]
+def _offered(
+    document: RecipeDocument,
+    hints: Sequence[Mapping[str, Any]],
+    places: Sequence[Sequence[str | int]],
+    made: Sequence[Mapping[str, Any]] = (),
+) -> list[dict[str, Any]]:
+    """Return a button for each hint, an edit at the first place, or of ``[input]``, where a recipe takes it."""
+    found = []
+    for hint in hints:
+        for place in (*places, ["input"]):
+            mend = _mend(hint, [[*place, k] for k in hint])
+            whole = {**mend, "edits": [*made, *mend["edits"]]}
+            changes = any(_old(document, e["path"]) != e["new"] for e in mend["edits"])
+            if changes and _works(document, whole["edits"]):
+                asked = [{**e, "new": None} if mend["ask"] else e for e in whole["edits"]]
+                found.append({**whole, "edits": asked})
+                break
+    return found
 
 
 def _mend(hint: Mapping[str, Any], places: Sequence[Sequence[Any]]) -> dict[str, Any]:
     edits = [{"path": [*p], "new": v} for p, v in zip(places, hint.values(), strict=True)]
-    said = ", ".join(f"{k.replace('_', ' ')} = {_shown(v)}" for k, v in hint.items())
-    gone = [k.replace("_", " ") for k, v in hint.items() if v is None]
+    names = [k.replace("_", " ") for k in hint]
+    (value, *_) = hint.values()
+    if isinstance(value, Example):
+        ask = {"label": names[0], "hint": f"such as {value}"}
+        return {"label": f"Give the {names[0]}\u2026", "edits": edits, "ask": ask}
+    said = ", ".join(f"{k} = {_shown(v)}" for k, v in zip(names, hint.values(), strict=True))
+    gone = [k for k, v in zip(names, hint.values(), strict=True) if v is None]
     label = f"Remove {', '.join(gone)}" if len(gone) == len(hint) else f"Set {said}"
     return {"label": label, "edits": edits, "ask": None}
 
 
 def _shown(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _named(error: MetrosepError | str, place: list[Any]) -> Iterator[dict[str, Any]]:
-    """Give what an error carries, else the keys that its message names with a value or dots."""
-    hints = getattr(error, "hints", ())
-    if hints:
-        yield from (_mend(hint, [[*place, k] for k in hint]) for hint in hints)
-        return
-    seen = set()
-    for key, typed, in_input in _KEY.findall(str(error)):
-        if key in seen:
-            continue
-        seen.add(key)
-        where = ["input", key] if in_input else [*place, key]
-        value = _value(typed)
-        if "..." in typed or _QUANTITY.fullmatch(typed):
-            example = typed.strip('"').replace("...", "3").strip()
-            ask = {
-                "label": key.replace("_", " "),
-                "hint": "" if example == "3" else f"such as {example}",
-            }
-            label, edit = f"Give the {ask['label']}\u2026", {"path": where, "new": None}
-            yield {"label": label, "edits": [edit], "ask": ask}
-        elif value is not None:
-            edit = {"path": where, "new": value}
-            yield {"label": f"Set {key} = {typed.strip(chr(34))}", "edits": [edit], "ask": None}
-
-
-def _value(typed: str) -> Any:
-    """Return a value as a recipe holds it; None where it is a stand-in."""
-    import tomllib
-
-    try:
-        return tomllib.loads(f"x = {typed}")["x"]
-    except tomllib.TOMLDecodeError:
-        return None
 
 
 def _works(document: RecipeDocument, edits: Sequence[Mapping[str, Any]]) -> bool:

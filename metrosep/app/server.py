@@ -584,7 +584,11 @@ class PictureAnswers:
         """Answer a request ``section``."""
         outcome, obj = self._surface(message, cancel, "sections")
         view = section_view(
-            obj, message["a"], message["b"], columns=message.get("columns") or 1000
+            obj,
+            message["a"],
+            message["b"],
+            columns=message.get("columns") or 1000,
+            cursors=message.get("cursors") or (),
         )
         return section_frame(view, is_preview=outcome.is_preview)
 

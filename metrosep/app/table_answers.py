@@ -45,6 +45,7 @@ from metrosep.recipe.outputs import active_of, carried_of, machine_of, temporary
 from metrosep.recipe.pipeline import CancelledError
 from metrosep.recipe.preflight import output_name
 from metrosep.recipe.recipe import Recipe
+from metrosep.recipe.step_help import in_table_words
 from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["controllers", "table"]
@@ -591,7 +592,8 @@ class Wanted:
         self, basis: Mapping[str, Any]
     ) -> tuple[Any, RunSet | ErrorEstimate, Folds | None]:
         """Return what the controller will hold, the runs for its dry-run, and what it is without each."""
-        return carried_of(basis, self.output)
+        with in_table_words(self.controller):
+            return carried_of(basis, self.output)
 
     def write(self, carried: Any, path: Path, against: list[Any] | None, **more: Any) -> Any:
         """Write it as a run of the recipe does, after a dry-run against runs and folds."""
@@ -602,12 +604,13 @@ class Wanted:
             **more,
         }
         runs, folds = (None, None) if against is None else against
-        return write(
-            carried,
-            path,
-            self.controller,
-            verified_against=runs,
-            folds=folds,
-            **said,
-            **self.machine,
-        )
+        with in_table_words(self.controller):
+            return write(
+                carried,
+                path,
+                self.controller,
+                verified_against=runs,
+                folds=folds,
+                **said,
+                **self.machine,
+            )

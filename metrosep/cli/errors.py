@@ -11,7 +11,7 @@ import errno
 import re
 import sys
 import traceback
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable, Mapping
 
 from metrosep.core import exit_codes
 from metrosep.core.text_options import TEXT_OPTIONS
@@ -43,12 +43,6 @@ _PLACES = ("x", "y", "z")
 """Options whose names a message also uses for a place in m."""
 
 
-_ASKS = re.compile(
-    r"\b(?:give|say|state|set|choose|use|take|declare) $|\b(?:write|make|choose)\b[^;:.]* with $"
-)
-"""Words before ``name=value`` that ask for it; behind other words it is what is so."""
-
-
 def _place(name: str, number: str) -> str:
     """Return a place in m as a reader wants it; the text itself where it is not a number."""
     digits = number.rstrip(".")
@@ -58,10 +52,16 @@ def _place(name: str, number: str) -> str:
         return f"{name}={number}"
 
 
-def as_options(message: str, names: Collection[str], facts: Collection[str] = ()) -> str:
+def as_options(
+    message: str,
+    names: Collection[str],
+    facts: Collection[str] = (),
+    hints: Iterable[Mapping[str, object]] | None = (),
+) -> str:
     """Return a message of the library with its arguments written as options of a command.
 
-    Those of `facts` are written as ``--machine NAME=VALUE``, where the sentence asks for them.
+    Those of `facts` are written as ``--machine NAME=VALUE``: without a value, and with one that is among the
+    `hints` of the error; None hints with all, as what mends a finding does.
 
     Notes
     -----
@@ -73,20 +73,12 @@ def as_options(message: str, names: Collection[str], facts: Collection[str] = ()
     >>> as_options("give scale='2.5 um/V', or decimal=", ("scale", "decimal"))
     'give --scale "2.5 um/V", or --decimal'
     """
-    asked = -1  # end of the last fact that was asked for: "or" and "and" go on asking
+    asked = {(k, str(v)) for hint in hints or () for k, v in hint.items()}
 
-    def fact(found: re.Match[str], value: str | None) -> str:
-        nonlocal asked
-        before = found.string[: found.start()]
-        goes_on = asked >= 0 and found.string[asked : found.start()].strip(" ,") in (
-            "and",
-            "or",
-            "",
-        )
-        if value and not goes_on and not _ASKS.search(before):
-            return found.group()
-        asked = found.end()
-        return f'--machine "{found.group(1)}={value or "..."}"'
+    def fact(name: str, value: str | None) -> str | None:
+        if value and hints is not None and (name, value) not in asked:
+            return None
+        return f'--machine "{name}={value or "..."}"'
 
     def option(found: re.Match[str]) -> str:
         before = found.string[: found.start()]
@@ -103,7 +95,8 @@ def as_options(message: str, names: Collection[str], facts: Collection[str] = ()
         if "settings" in names and found.group(1) in _READER_OPTIONS - set(names):
             return f'--set "{found.group(1)}={value or "..."}"'
         if found.group(1) not in names:
-            return fact(found, value) if found.group(1) in facts else found.group()
+            said = fact(found.group(1), value) if found.group(1) in facts else None
+            return said or found.group()
         if value and not re.fullmatch(r"[\w.+:-]+", value):
             value = f'"{value}"'
         name = found.group(1).replace("_", "-")
@@ -171,6 +164,7 @@ def report_error(
     elif is_standard_output(error):
         line = f"standard output cannot be written ({getattr(error, 'strerror', error)}); send it elsewhere"
     else:
-        line = as_options(str(error), names, facts) if words is None else words(str(error))
+        hints = getattr(error, "hints", ())
+        line = as_options(str(error), names, facts, hints) if words is None else words(str(error))
     print("error: " + " ".join(line.split()), file=sys.stderr)
     return code

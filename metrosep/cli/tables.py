@@ -6,7 +6,7 @@ import dataclasses
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -590,7 +590,8 @@ def verify(
     try:
         result.require(str(path))
     except TableError as exc:
-        say("error: " + _typed(re.sub(r"; nothing was written.*", "", str(exc))))
+        text = re.sub(r"; nothing was written.*", "", str(exc))
+        say("error: " + _typed(text, hints=exc.hints))
         return exit_code_of(exc)
     return 0
 
@@ -728,14 +729,16 @@ def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False)
     for found in sidecar_warnings(made):
         waived = f" (accepted with --waive {found['check']})" if found["waived"] else ""
         way = f"; {found['fix']}" if found["fix"] else ""
-        say(f"warning: {path}: {_typed(found['problem'] + waived + way, 'active')}")
+        problem = _typed(found["problem"] + waived, "active")
+        say(f"warning: {path}: {problem}{_typed(way, 'active', hints=None)}")
 
 
-def _typed(message: str, *names: str) -> str:
+def _typed(message: str, *names: str, hints: Sequence[Mapping[str, Any]] | None = ()) -> str:
     """Return a message with facts of the machine, and some options, as they are typed."""
     from metrosep.cli.errors import as_options
 
-    return as_options(message, names, (click.get_current_context().obj or {}).get("facts", ()))
+    facts = (click.get_current_context().obj or {}).get("facts", ())
+    return as_options(message, names, facts, hints)
 
 
 def print_verification(verification: dict[str, Any]) -> None:

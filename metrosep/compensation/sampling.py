@@ -168,8 +168,8 @@ def _functions(
         return _columns(error, direction)
     if direction == "split" and not has_both:
         raise DataError(
-            "direction='split' needs runs in both directions (or reverse=); this error has one "
-            "direction: use direction='both'"
+            "direction='split' needs runs in both directions; this error has one direction: use "
+            "direction='both'"
         ).hinting(direction="both")
     if isinstance(error, ErrorEstimate) and _is_split(error, direction):
         return function(error, 1), _minus(function(error, -1), -significant_lost_motion(error))

@@ -22,7 +22,7 @@ from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import is_uniform, resample_uniform, resampling_error
 from metrosep.controllers.base import Dialect, Simulator, sidecar_options, table_lookup
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import LimitError, TableError
+from metrosep.core.errors import Example, LimitError, TableError
 from metrosep.core.units import format_length
 
 _WHOLE = 1e-6
@@ -433,9 +433,13 @@ def require_one_direction(table: CompensationTable, title: str, way: str) -> Com
     if table.reverse is None:
         return table
     if not np.array_equal(table.reverse, table.forward):
-        raise TableError(
-            f"{title} holds one value for both directions and this table has two; make it with "
-            f"direction='both' and enter the lost motion {way}"
+        raise (
+            TableError(
+                f"{title} holds one value for both directions and this table has two; make it with "
+                f"direction='both' and enter the lost motion {way}"
+            )
+            .hinting(direction="both")
+            .hinting(bidirectional=Example("True"))
         )
     return replace(table, reverse=None)
 

@@ -35,6 +35,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
+    Example,
     LimitError,
     TableError,
     UnsupportedFeatureError,
@@ -311,14 +312,19 @@ def axis_letter(machine_axis: str, *, turns: bool, otherwise: str) -> str:
     return otherwise if is_rotary(otherwise) == turns else "C"
 
 
-def turning(machine_axis: str, stated: bool | None, option: str, path: Path) -> bool:
+def turning(machine_axis: str, stated: bool | None, key: str, path: Path) -> bool:
     """Return whether a machine axis turns, and refuse where nothing states."""
     if stated is not None:
         return stated
     match = _LETTER.fullmatch(machine_axis)
     if match is None:
-        raise DataError(
-            f"{path}: nothing states whether {machine_axis[:40]} is in mm or in degrees; give {option}"
+        asked = f"{key}=True or {key}=False" if key.endswith("turns") else f"{key}=..."
+        raise (
+            DataError(
+                f"{path}: nothing states whether {machine_axis[:40]} is in mm or in degrees; give {asked}"
+            )
+            .hinting(**{key: Example("True")})
+            .hinting(**{key: Example("False")})
         )
     return is_rotary(match[1])
 

@@ -54,7 +54,13 @@ from metrosep.controllers.options import (
     whole,
 )
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, TableError, UnsupportedFeatureError
+from metrosep.core.errors import (
+    CorruptFileError,
+    DataError,
+    Example,
+    TableError,
+    UnsupportedFeatureError,
+)
 
 __all__ = ["Aerotech", "AerotechLine"]
 
@@ -250,7 +256,7 @@ class AerotechLine(Dialect):
                 raise DataError(
                     f"{path}: axis {grid.output} is corrected over axis {grid.column_axis}, and nothing "
                     "states which axes these are; give names='X, Z', the looked-up one first"
-                )
+                ).hinting(names=Example("X, Z"))
             usual = "C" if known.get("position_unit") == "deg" else "X"
             fields["axis"], fields["compensates"] = names or (usual, usual)
         _require_output(grid, {grid.column_axis: fields["axis"]}, fields["compensates"], path)
@@ -284,7 +290,7 @@ def _units(axes: tuple[str, ...], corrected: str, o: dict[str, Any]) -> tuple[fl
             f"axis {turning[0]} turns, and no document that was found states the unit of such an axis in a "
             "calibration file; if its unit on your controller is the degree, say position_unit=deg (it is "
             "kept in the sidecar), or write controller='csv'"
-        )
+        ).hinting(position_unit=Example("deg"))
     if len({is_rotary(a) for a in axes}) > 1:
         raise TableError(
             f"one of {' and '.join(axes)} turns and the other does not, but a file has one unit for both "
@@ -366,7 +372,7 @@ def _require_offset_rule(
                 f"{path}: the {name} distance is negative and the offset is not zero: writers of this "
                 "format disagree whether its sign follows; say offset_follows='encoder' or 'axis' (a "
                 "wrong one mirrors the table about zero)"
-            )
+            ).hinting(offset_follows=Example("encoder"))
 
 
 def _prepared(table: CompensationMap, o: dict[str, Any]) -> tuple[CompensationMap, float]:
@@ -652,9 +658,13 @@ def _unit(text: str, number: int, path: Path, facts: dict[str, Any], *, turns: b
         )
     whole = _MM if kind == "METRIC" else (_DEG if turns else facts.get("primary_unit"))
     if whole is None:
-        raise DataError(
-            f"{path}: line {number}: the unit is PRIMARY, that of the axis; say how long it is, "
-            "primary_unit='1 mm', or position_unit=deg where it turns and its unit is the degree"
+        raise (
+            DataError(
+                f"{path}: line {number}: the unit is PRIMARY, that of the axis; say how long it is, "
+                "primary_unit='1 mm', or position_unit=deg where it turns and its unit is the degree"
+            )
+            .hinting(primary_unit=Example("1 mm"))
+            .hinting(position_unit=Example("deg"))
         )
     return float(whole) / int(parts or 1)
 

@@ -33,6 +33,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
+    Example,
     LimitError,
     TableError,
     UnsupportedFeatureError,
@@ -157,7 +158,7 @@ def _parameter(table: CompensationTable, wanted: str | None) -> str:
             f"{name!r} is not an error parameter of ISO 230-1: E, the direction of the error and the axis "
             f"that moves, of X, Y, Z, A, B, C; the table is {table.axis} -> {table.compensates}; give "
             "parameter='EXY', or name the axes of the table so"
-        )
+        ).hinting(parameter=Example("EXY"))
     pairs = ((table.compensates, name[1]), (table.axis, name[2]))
     if any(is_rotary(axis) != (letter in _TURNING) for axis, letter in pairs):
         raise DataError(

@@ -427,7 +427,7 @@ def _require_axes(table: CompensationTable, options: Mapping[str, Any]) -> None:
         raise TableError(
             f"BACKLASH belongs to {table.axis} itself, this table is {table.axis} -> "
             f"{table.compensates}; make it with direction='both'"
-        )
+        ).hinting(direction="both")
 
 
 def _decimals(resolution: float | None, unit: float) -> int:

@@ -66,7 +66,7 @@ from metrosep.controllers.options import (
     whole,
 )
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
+from metrosep.core.errors import CorruptFileError, DataError, Example, LimitError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["IsgAxis", "IsgCross", "IsgPlane"]
@@ -852,7 +852,7 @@ def _reserved(n: int, m: int, step: float, capacity: int | None) -> int:
             f"{n} x {m} points at {format_length(step)}, kw.crosscomp2 takes {room}; give a larger "
             f"interval= (one for both axes), or, from V3.1.3079.06 on, say capacity={n * m}: it is "
             "written as max_points (P-COMP-00061)"
-        )
+        ).hinting(capacity=Example(str(n * m)))
     needed = capacity is not None and (capacity > _POINTS or max(n, m) > _PER_AXIS)
     return capacity or 0 if needed else 0
 

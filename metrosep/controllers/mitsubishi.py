@@ -42,7 +42,7 @@ from metrosep.controllers._grids import (
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.controllers.options import Option, pick, unit_option, whole
-from metrosep.core.errors import CorruptFileError, TableError
+from metrosep.core.errors import CorruptFileError, Example, TableError
 
 __all__ = ["Mitsubishi"]
 
@@ -228,7 +228,7 @@ def _require_axes(table: CompensationTable, cross_axis: str) -> None:
             f"the rule of signs is documented for an axis that corrects itself, this table is "
             f"{table.axis} -> {table.compensates}; write a trial table, see on the machine which way "
             "it moves, then say cross_axis='tried'"
-        )
+        ).hinting(cross_axis=Example("tried"))
 
 
 def _stated(words: Mapping[int, Mapping[str, Any]], path: Path) -> tuple[int, list[Any]]:

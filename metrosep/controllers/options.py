@@ -13,7 +13,7 @@ import numpy as np
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Limits
 from metrosep.core import numbers
-from metrosep.core.errors import DataError, LimitError, TableError, UnitError
+from metrosep.core.errors import DataError, Example, LimitError, TableError, UnitError
 from metrosep.core.readable import did_you_mean
 from metrosep.core.units import format_length, parse_quantity
 
@@ -232,7 +232,9 @@ def checked_options(
     missing = missing_facts(given, known)
     if missing and not partial:
         asked = "; ".join(f"{o.name}= ({o.help})" for o in missing)
-        raise DataError(f"{controller} cannot be written without {asked}")
+        raise DataError(f"{controller} cannot be written without {asked}").hinting(
+            **{o.name: Example("...") for o in missing}
+        )
     result = {}
     for option in known:
         value = given.get(option.name)

@@ -61,7 +61,7 @@ from metrosep.controllers.options import (
     whole,
 )
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, LimitError, TableError
+from metrosep.core.errors import CorruptFileError, Example, LimitError, TableError
 
 __all__ = ["PMAC"]
 
@@ -470,7 +470,7 @@ def require_short_span(counts: int, long_span: bool, axis: str) -> None:
         raise LimitError(
             f"{axis}: the span is {counts} counts; more than {LARGEST} (24 bits) is not documented: "
             "define such a table on the controller, list it back, then say long_span=True"
-        )
+        ).hinting(long_span=Example("True"))
 
 
 # ------------------------------------------------------------------------------------------------
@@ -494,7 +494,7 @@ def require_one_way(table: CompensationTable) -> None:
             "DEFINE COMP holds one correction for both directions, this table has two; make it with "
             "direction='forward' and write the one with both as controller='pmac-backlash' besides, "
             "or with direction='both'"
-        )
+        ).hinting(direction="both")
 
 
 def motor_range(

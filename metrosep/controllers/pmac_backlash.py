@@ -330,7 +330,7 @@ def _check(table: CompensationTable, options: Mapping[str, Any]) -> None:
         raise TableError(
             "a backlash table needs forward and reverse corrections, this table has one for both; "
             "make it with direction='split', or write controller='pmac'"
-        )
+        ).hinting(direction="split")
     if options["forward_active"] and options["comp"] is not None:
         raise TableError(
             "forward_active= says that the forward corrections acted while the runs were measured, "

@@ -42,7 +42,7 @@ from metrosep.controllers.base import (
 )
 from metrosep.controllers.options import Option, pick, whole
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, LimitError, TableError
+from metrosep.core.errors import CorruptFileError, Example, LimitError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["MAX_COLUMNS", "MAX_LINE", "RepRap"]
@@ -445,7 +445,7 @@ def _require_limits(table: CompensationMap, most: int) -> None:
         raise LimitError(
             f"{n} x {m} nodes, the board takes {most} and {MAX_COLUMNS} along X; give x_spacing= and "
             "y_spacing=, or max_nodes=961 of a board that takes them"
-        )
+        ).hinting(max_nodes=Example("961"))
     for name, p in zip(table.axes, (table.x, table.y), strict=True):
         span, step = float(p[-1] - p[0]) / _MM, float(p[1] - p[0]) / _MM
         if span < _MIN_RANGE or step < _MIN_SPACING * (1.0 + 1e-6):

@@ -76,6 +76,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
+    Example,
     LimitError,
     TableError,
     UnsupportedFeatureError,
@@ -212,7 +213,7 @@ class SinumerikCec(Repeating):
             turning(
                 getattr(first, f"{k}_axis"),
                 o.get(f"{k}_turns", o.get(f"{other}_turns") if own else None),
-                f"{k}_turns=True or {k}_turns=False",
+                f"{k}_turns",
                 path,
             )
             for k, other in (("input", "output"), ("output", "input"))
@@ -359,7 +360,7 @@ class SinumerikCecProduct(Dialect):
             agreed(path, name, {"the file": value, "you": o.get(name)})
         told = o.get("turning")
         turns = [
-            turning(t.input_axis, None if told is None else str(k) in told, "turning=...", path)
+            turning(t.input_axis, None if told is None else str(k) in told, "turning", path)
             for k, t in ((1, first), (2, second))
         ]
         x, y = (
@@ -391,7 +392,7 @@ def _missed(product: ProductTables, o: Mapping[str, Any]) -> float:
             f"{format_length(missed, digits=3)}, its corrections span {format_length(span, digits=3)}; "
             "write a table over one axis, choose a control that holds maps, or accept it with "
             "accept_residual=True"
-        )
+        ).hinting(accept_residual=Example("True"))
     return missed
 
 
@@ -404,7 +405,7 @@ def _require_fine(product: ProductTables, step: float) -> None:
             f"{weight:.3g} times the largest correction: the last digit of the file then counts for more "
             "than the constant saves; the map is rather a sum of two tables: write one table over each "
             "axis, give more decimals=, or say keep_zero=True"
-        )
+        ).hinting(keep_zero=True)
 
 
 def _findings(product: ProductTables, missed: float) -> tuple[Finding, ...]:
@@ -526,7 +527,7 @@ class SinumerikEnc(Repeating):
         assignments, noted = read_assignments(data, path)
         o = settled(self.options, options, path, file=noted, partial=True)
         grid, name = _chosen(assignments, path, o)
-        turns = turning(name, o.get("turns"), "turns=True or turns=False", path)
+        turns = turning(name, o.get("turns"), "turns", path)
         unit = units(turns=turns)
         positions = grid.positions * unit
         fields = identity(path, first=float(positions[0]))

@@ -132,7 +132,7 @@ class Voltage(Dialect):
             raise TableError(
                 f"positions of {table.axis} are angles, the file holds mm; write it over='time' with "
                 "motion='turn'"
-            )
+            ).hinting(over="time", motion="turn")
         columns = [(table.forward, 1)]
         if table.reverse is not None or options["branch"] == "sweep":
             reverse = table.forward if table.reverse is None else table.reverse
@@ -557,7 +557,7 @@ def _require_lag(known: FlexureCalibration) -> None:
             f"the branches of the calibration are exchanged: while the voltage falls the stage must stand "
             f"ahead of where it stands while it rises, here it stands {format_length(-float(lag.mean()))} "
             "behind in the mean; name the sweeps the other way round, or use branch='mean'"
-        )
+        ).hinting(branch="mean")
 
 
 def _from_json(text: str) -> dict[str, Any]:
@@ -634,7 +634,7 @@ def quantised(
     try:
         wanted = curves.voltage_for(inside, rising)
     except LimitError as exc:
-        raise LimitError(f"{exc}; or use branch='mean'") from None
+        raise LimitError(f"{exc}; or use branch='mean'").hinting(branch="mean") from None
     step = (curves.high - curves.low) / (2**bits - 1)
     v = curves.low + step * np.rint((wanted - curves.low) / step)
     outside = np.maximum(curves.low - wanted, wanted - curves.high)

@@ -432,7 +432,7 @@ class _Wave(Dialect):
             raise LimitError(
                 f"{play.n} points, the {what} holds {room}; use rate={least} or more (a point then "
                 f"lasts {least * play.period * 1e3:.6g} ms), or a shorter pass"
-            )
+            ).hinting(rate=least)
         stage = require_travel(play, values, options)
         polarity, places, rest = options["polarity"], options["decimals"], rest_position(options)
         offset = float(decimal(round(rest / _UM, places))) if self.adds_offset else rest / _UM

@@ -45,6 +45,7 @@ __all__ = [
     "CorruptFileError",
     "DataError",
     "DegenerateFitError",
+    "Example",
     "FileAccessError",
     "FileMissingError",
     "FitError",
@@ -78,13 +79,20 @@ __all__ = [
 ]
 
 
+class Example(str):
+    """A value in a hint that shows the form: a person gives another."""
+
+    __slots__ = ()
+
+
 class MetrosepError(Exception):
     """Base of every error that metrosep raises on purpose; it travels between processes whole.
 
     Attributes
     ----------
     hints : tuple of dict
-        Ways out, the best one first: arguments, as keys of a recipe, with the value that helps.
+        Ways out, the best one first: arguments, as keys of a recipe, with the value that helps; an
+        `Example` where a person gives it, None where the key is to be omitted.
     """
 
     hints: tuple[dict[str, Any], ...] = ()

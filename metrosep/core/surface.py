@@ -14,7 +14,7 @@ from metrosep.core._arrays import FloatArray, Heights, frozen_float, position
 from metrosep.core._thumbnails import map_thumbnail
 from metrosep.core.arithmetic import HeightArithmetic
 from metrosep.core.attached import attached
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import DataError, Example, TooFewSamplesError
 from metrosep.core.numbers import positive
 from metrosep.core.profile import html_summary
 from metrosep.core.provenance import Step, freeze_mapping
@@ -334,5 +334,5 @@ def lateral_steps(surface: Surface, so: str = "") -> tuple[float, float]:
     if surface.dx is None or surface.dy is None:
         raise DataError(
             f"the surface has no lateral step in both axes{so}: read the file with lateral_step=..."
-        )
+        ).hinting(lateral_step=Example("3 um"))
     return surface.dx, surface.dy

@@ -11,6 +11,7 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
+    Example,
     InvalidSamplesError,
     TooFewSamplesError,
 )
@@ -173,7 +174,7 @@ def surface_steps(surface: Surface) -> tuple[float, float]:
         raise DataError(
             f"the surface has no lateral step {missing}, so a wavelength in m means nothing; "
             "read the file with lateral_step=..."
-        )
+        ).hinting(lateral_step=Example("3 um"))
     return surface.dy, surface.dx
 
 

@@ -71,7 +71,7 @@ class GaussianTask(arguments.Task):
                     f"{format_length((part.stop - part.start) * step)} and leaves "
                     f"{arguments.counted(max(n_left, 0), 'sample')}: measure longer, or use "
                     'end="moment"'
-                )
+                ).hinting(end="moment")
             kept.append(slice(part.start + n_lost, part.stop - n_lost))
         return tuple(kept)
 

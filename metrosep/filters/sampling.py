@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, OptionError, TooFewSamplesError
+from metrosep.core.errors import DataError, Example, OptionError, TooFewSamplesError
 from metrosep.core.numbers import choice, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -80,7 +80,7 @@ def resample(
     if not is_calibrated(obj):
         raise DataError(
             "a map without lateral steps cannot be resampled; read the file with lateral_step=..."
-        )
+        ).hinting(lateral_step=Example("3 um"))
     if isinstance(onto, Surface):
         if not is_calibrated(onto):
             raise DataError("the map that gives the grid has no lateral steps")

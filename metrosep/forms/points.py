@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, Heights, frozen_float, position, same_length
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import DataError, Example, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.regions import assumed_axis
@@ -219,7 +219,7 @@ def points_of(
             raise DataError(
                 "the surface has no lateral calibration, and a form needs one: "
                 "read the file with lateral_step=..."
-            )
+            ).hinting(lateral_step=Example("3 um"))
         rows, columns = obj.shape
         x: FloatArray = obj.origin[0] + obj.dx * np.arange(columns, dtype=np.float64)
         y: FloatArray = obj.origin[1] + obj.dy * np.arange(rows, dtype=np.float64)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray, position
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import DataError, Example, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import choice, count, positive, quantity
 from metrosep.core.regions import measured_middle
 from metrosep.core.surface import Surface
@@ -174,7 +174,7 @@ def _about_the_axis(
         raise DataError(
             "the surface has no lateral calibration, and slopes need one: read "
             "the file with lateral_step=..."
-        )
+        ).hinting(lateral_step=Example("3 um"))
     rows, columns = surface.shape
     x = surface.origin[0] + surface.dx * np.arange(columns, dtype=np.float64)
     y = surface.origin[1] + surface.dy * np.arange(rows, dtype=np.float64)

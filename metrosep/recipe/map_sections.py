@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import DataError, Example, TooFewSamplesError
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
@@ -229,8 +229,8 @@ def section_of(obj: Any, section: Mapping[str, Any]) -> MapSection:
     if obj.dx is None or obj.dy is None:
         raise DataError(
             f'section "{name}" has lengths, and the map has no lateral calibration: read it with '
-            'lateral_step = "1 um" in [input]'
-        )
+            'lateral_step = "3 um" in [input]'
+        ).hinting(lateral_step=Example("3 um"))
     values, profile = _of_points(section), None
     messages: tuple[str, ...] = ()
     missing = ""

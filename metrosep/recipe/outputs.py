@@ -35,7 +35,7 @@ from metrosep.recipe.preflight import (
     report_name,
 )
 from metrosep.recipe.result import is_positioning, measured_runs, stored_estimate
-from metrosep.recipe.schema import Place
+from metrosep.recipe.schema import COMMAND, Place
 from metrosep.separation.positions.expansion import Expansion
 from metrosep.separation.positions.pitch import pitch_errors_of
 from metrosep.separation.runs.base import ErrorEstimate
@@ -251,19 +251,22 @@ def _prepared(
     for (output, place), target in zip(_tables_of(recipe), targets, strict=True):
         if tell is not None:
             tell(f"dry-running and writing {output['path']}")
-        made, runs, folds = carried_of(document, output)
-        prepared = prepare(
-            made,
-            target,
-            output["controller"],
-            verified_against=runs,
-            folds=folds,
-            waive=tuple(output.get("waive", ())),
-            sign_confirmed=output.get("sign_confirmed", False),
-            overwrite=overwrite,
-            active=active_of(output, recipe),
-            **machine_of(output, recipe, place),
-        )
+        controller = output["controller"]
+        typed = recipe.name == COMMAND  # options, which the command line makes of the arguments
+        with contextlib.nullcontext() if typed else _in_its_words(controller):
+            made, runs, folds = carried_of(document, output)
+            prepared = prepare(
+                made,
+                target,
+                controller,
+                verified_against=runs,
+                folds=folds,
+                waive=tuple(output.get("waive", ())),
+                sign_confirmed=output.get("sign_confirmed", False),
+                overwrite=overwrite,
+                active=active_of(output, recipe),
+                **machine_of(output, recipe, place),
+            )
         path = prepared.target
         if prepared.verification is None:
             raise TableError(f"{path}: the table was written without a dry-run")
@@ -271,6 +274,12 @@ def _prepared(
         description = {**sidecar.pop("table"), **sidecar, "path": path.name}
         files = (path, sidecar_path(path))
         yield prepared, WrittenTable(description, prepared.verification, files)
+
+
+def _in_its_words(controller: str) -> contextlib.AbstractContextManager[None]:
+    from metrosep.recipe.step_help import in_table_words
+
+    return in_table_words(controller)
 
 
 def active_of(output: Mapping[str, Any], recipe: Recipe) -> str | None:

@@ -612,7 +612,7 @@ def _form_profile(obj: Measured, options: Mapping[str, Any]) -> Done:
             "the axis of the cylinder lies along the profile (angle 0), so its nominal is a straight "
             "line: give angle=90 deg, or take plane",
             "form",
-        )
+        ).hinting(form="plane")
     fixed = options.get("datum", "none") == "frame"
     found = surface_profile(xyz, ideal, datum=fixed, what="line" if is_line else "surface")
     u = options.get("u_reading")

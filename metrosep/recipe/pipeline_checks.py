@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, Example
 from metrosep.core.limits import FORM_OF_SYMBOL
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
@@ -192,28 +192,40 @@ def _check_filter(options: Mapping[str, Any]) -> None:
     given = {k for k in options if k not in ("op", "enabled", "kind")}
     stray = next((k for k in options if k in given - set(FILTER_KEYS[kind])), None)
     if stray is not None:
-        raise StepError(f"{stray} does not belong to kind = {kind!r}", stray)
+        raise StepError(f"{stray} does not belong to kind = {kind!r}", stray).hinting(
+            **{stray: None}
+        )
     if options.get("band") == "stop":
         _check_stop(kind, options)
     if kind in ("closing", "opening"):
         if len(given & {"radius", "length"}) != 1:
-            raise StepError(f'{kind} needs radius = "5 um", or length = "10 um"', "kind")
+            raise (
+                StepError(f'{kind} needs radius = "5 um", or length = "10 um"', "kind")
+                .hinting(radius=Example("5 um"))
+                .hinting(length=Example("10 um"))
+            )
         return
     pair = given & {"lambda_s", "lambda_c"}
     if kind != "gaussian" and "cutoff" not in given:
-        raise StepError(f'kind = {kind!r} needs cutoff = "25 um"', "kind")
+        raise StepError(f'kind = {kind!r} needs cutoff = "25 um"', "kind").hinting(
+            cutoff=Example("25 um")
+        )
     if bool(pair) == ("cutoff" in given):
         raise StepError(
             'a gaussian filter needs lambda_s, lambda_c or both, or cutoff = "25 um" with a band',
             "cutoff" if pair else "op",
-        )
+        ).hinting(cutoff=None if pair else Example("25 um"))
     if pair and options.get("band") != "stop":
         for key in ("band", "refilter"):
             if key in given:
-                raise StepError(f"{key} goes with cutoff, not with lambda_s and lambda_c", key)
+                raise StepError(
+                    f"{key} goes with cutoff, not with lambda_s and lambda_c", key
+                ).hinting(**{key: None})
     for key in ("profile", "sections", "core_filter"):
         if key in given and "lambda_c" not in given:
-            raise StepError(f'{key} goes with lambda_c = "0.8 mm"', key)
+            raise StepError(f'{key} goes with lambda_c = "0.8 mm"', key).hinting(
+                lambda_c=Example("0.8 mm")
+            )
     ends = (
         ("natural", "closed") if kind == "spline" else ("moment", "renormalise", "cut", "closed")
     )
@@ -238,7 +250,7 @@ def _check_stop(kind: str, options: Mapping[str, Any]) -> None:
         )
     for key in ("profile", "sections", "core_filter", "refilter"):
         if key in options:
-            raise StepError(f'{key} does not go with band = "stop"', key)
+            raise StepError(f'{key} does not go with band = "stop"', key).hinting(**{key: None})
     if options.get("end") == "cut":
         raise StepError('end = "cut" does not go with band = "stop"', "end").hinting(end="moment")
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, FitError, TooFewSamplesError
+from metrosep.core.errors import DataError, Example, FitError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.regions import check_region, measured_middle, region_words, within_region
@@ -104,8 +104,8 @@ def _positions(obj: Measured) -> tuple[FloatArray, FloatArray]:
     if obj.dx is None or obj.dy is None:
         raise DataError(
             "the map has no lateral calibration, and an aperture is a length: read it with "
-            'lateral_step = "1 um" in [input]'
-        )
+            'lateral_step = "3 um" in [input]'
+        ).hinting(lateral_step=Example("3 um"))
     rows, columns = obj.shape
     x: FloatArray = obj.origin[0] + obj.dx * np.arange(columns, dtype=np.float64)
     y: FloatArray = obj.origin[1] + obj.dy * np.arange(rows, dtype=np.float64)
@@ -119,7 +119,9 @@ def _given(centre: Any, obj: Measured) -> tuple[float, float]:
             raise DataError('the centre on a profile is one position: centre = ["5 mm"]')
         return values[0], 0.0
     if len(values) != 2:
-        raise DataError('the centre on a map has x and y: centre = ["5 mm", "5 mm"], or "fit"')
+        raise DataError(
+            'the centre on a map has x and y: centre = ["5 mm", "5 mm"], or "fit"'
+        ).hinting(centre="fit")
     return values[0], values[1]
 
 

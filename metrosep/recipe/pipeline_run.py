@@ -23,7 +23,7 @@ from metrosep.recipe.pipeline import Stage, StepError, run_step
 from metrosep.recipe.pipeline_checks import SPECTRUM
 from metrosep.recipe.pipeline_mask import Measured
 from metrosep.recipe.report_fields import report_of
-from metrosep.recipe.schema import reading_options
+from metrosep.recipe.schema import COMMAND, reading_options
 
 if TYPE_CHECKING:
     from metrosep.recipe.describe.description import Description
@@ -42,9 +42,6 @@ __all__ = [
 ]
 
 Tell = Callable[[str], None]
-
-COMMAND = "command line"
-"""Name of a recipe that a command makes: its lines mean nothing to who typed the command."""
 
 
 @dataclass(frozen=True, slots=True)

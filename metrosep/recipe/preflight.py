@@ -23,7 +23,7 @@ from metrosep.recipe.methods.turned import AVERAGED, TurnedRuns
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.pipeline_checks import EVALUATING, SPECTRUM, known_unit, makes_metric
 from metrosep.recipe.result import POSITIONING
-from metrosep.recipe.schema import Place
+from metrosep.recipe.schema import COMMAND, Place
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
@@ -387,8 +387,11 @@ def machine_limits(output: Mapping[str, Any], place: Place) -> dict[str, Any]:
         return {**{k: checked[k] for k in options}, **checked_limits(limits, name)}
     except DataError as exc:
         text = str(exc)
-        if " cannot be written without " in text:
-            text += ': write machine = { NAME = "..." }'
+        if place.file != COMMAND:
+            from metrosep.recipe.step_help import table_words
+
+            keys = ", ".join(f'{k} = "{v}"' for hint in exc.hints for k, v in hint.items())
+            text = table_words(text, name) + (f": write machine = {{ {keys} }}" if keys else "")
         named = text.startswith("unknown machine")
         raise place.error(text if named else f"machine {text}", "machine") from None
 

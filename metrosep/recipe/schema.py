@@ -20,6 +20,7 @@ from metrosep.core.units import SURROUNDINGS, TYPICAL
 
 __all__ = [
     "BATCH",
+    "COMMAND",
     "CURVES",
     "DIMENSIONS",
     "INDEX_FORMATS",
@@ -35,6 +36,10 @@ __all__ = [
     "reading_options",
     "shown",
 ]
+
+
+COMMAND = "command line"
+"""Name of a recipe that a command makes: its lines mean nothing to who typed the command."""
 
 
 @dataclass(frozen=True, slots=True)

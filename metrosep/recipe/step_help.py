@@ -25,6 +25,7 @@ __all__ = [
     "StepKeys",
     "described_steps",
     "in_recipe_words",
+    "in_table_words",
     "in_words",
     "key_words",
     "keys_of_step",
@@ -32,6 +33,7 @@ __all__ = [
     "reading_words",
     "recipe_words",
     "step_words",
+    "table_words",
 ]
 
 
@@ -160,18 +162,57 @@ def in_words(message: str, keys: StepKeys, *, command: bool = False) -> str:
                 text = _worded(name, value, unit or "", keys, command=option)
         return found.group() if text is None else text
 
-    if not command:
-        message = _WAIVED.sub(
-            lambda m: (
-                "write waive = [" + ", ".join(f'"{c}"' for c in m[1].split(", ")) + "] there"
-            ),
-            message,
-        )
-    message = _of_columns(message, keys)
+    message = _of_columns(message if command else _waived(message), keys)
     changed = _NAMED.sub(words, message)
     if changed != message:
         changed = re.sub(r"\bset --set ", "give --set ", _SI_AFTER.sub("", changed))
     return readable_text(changed)
+
+
+def _waived(message: str) -> str:
+    def listed(found: re.Match[str]) -> str:
+        return "write waive = [" + ", ".join(f'"{c}"' for c in found[1].split(", ")) + "] there"
+
+    return _WAIVED.sub(listed, message)
+
+
+def table_words(message: str, controller: str) -> str:
+    """Return a message about a table with its arguments as keys of the output and of its machine.
+
+    Examples
+    --------
+    >>> table_words("use direction='both', or give capacity=300", "isg-plane")
+    'use direction = "both", or give capacity = 300 in machine'
+    """
+    from metrosep.controllers.options import LIMIT_NAMES
+    from metrosep.controllers.registry import find
+    from metrosep.recipe.steps import OUTPUTS
+
+    facts = {*LIMIT_NAMES, *(o.name for o in find(controller).options)}
+
+    def key(found: re.Match[str]) -> str:
+        name, value = found.groups()
+        if name not in OUTPUTS["table"] and name not in facts:
+            return found.group()
+        if value is None:
+            return name
+        typed = value.strip("'\"")
+        typed = typed.lower() if typed in ("True", "False") else typed
+        plain = re.fullmatch(rf"true|false|{NUMBER}", typed) and typed == value.lower()
+        where = "" if name in OUTPUTS["table"] else " in machine"
+        return f"{name} = {typed}{where}" if plain else f'{name} = "{typed}"{where}'
+
+    return _ARGUMENT.sub(key, _waived(message))
+
+
+@contextmanager
+def in_table_words(controller: str) -> Iterator[None]:
+    """Let errors about a table name keys of its output."""
+    try:
+        yield
+    except MetrosepError as exc:
+        exc.args = (table_words(str(exc), controller), *exc.args[1:])
+        raise
 
 
 def _of_columns(message: str, keys: StepKeys) -> str:

@@ -13,7 +13,7 @@ from metrosep.app.documents import Edit, Places
 from metrosep.app.mends import mends_of_edit, mends_of_step
 from metrosep.app.server import Answers
 from metrosep.app.sessions import Session
-from metrosep.core.errors import MetrosepError
+from metrosep.core.errors import Example, MetrosepError
 
 RUNS = f"""{mean_of_runs()}[[output]]
 kind = "table"
@@ -143,13 +143,13 @@ def test_a_button_of_a_refused_edit_makes_the_edit_with_what_it_lacked(tmp_path)
     _, document = session.need()
     step = {"op": "filter", "cutoff": "30 um"}
     edits = [Edit(("step", 2), None, step)]
-    told = 'such a step needs band = "short", or threshold = 3'
-    (mend,) = mends_of_edit(document, edits, told)
+    (mend,) = mends_of_edit(document, edits, MetrosepError("...").hinting(band="short"))
     assert mend["label"] == "Set band = short"
     session.edit([Edit(tuple(e["path"]), e["old"], e["new"]) for e in mend["edits"]])
     assert session.state()["steps"][2]["keys"]["band"] == "short"
     before = document.text
-    assert mends_of_edit(document, edits, 'needs band = "sideways" or colour = "red"') == []
+    error = MetrosepError("...").hinting(band="sideways").hinting(colour="red")
+    assert mends_of_edit(document, edits, error) == []
     assert document.text == before
 
 
@@ -250,14 +250,15 @@ def test_runs_that_a_method_cannot_separate_get_one_that_can_wherever_they_are_a
     assert answers.answer({"k": "curves", "level": "full"})[0]["separated"]
 
 
-def test_a_quantity_that_a_message_has_as_an_example_is_asked_for_and_never_set(tmp_path):
+def test_an_example_of_a_hint_is_asked_for_and_never_set(tmp_path):
     session = opened(tmp_path, 3e-6).session
     _, document = session.need()
     step = {"op": "filter", "kind": "gaussian"}
     edits = [Edit(("step", 0), document.recipe.steps[0], step)]
-    error = MetrosepError('a gaussian filter needs cutoff = "25 um"')
+    error = MetrosepError("a gaussian filter needs a cut-off").hinting(cutoff=Example("25 um"))
     assert mends_of_edit(document, edits, error) == []  # nothing can be set without a person
-    (ask, *_) = [m for m in mends_of_step(document, 0, error) if m["ask"]]
+    session.edit([Edit(("step", 2), None, {"op": "filter", "cutoff": "30 um"})])
+    (ask, *_) = [m for m in mends_of_step(document, 2, error) if m["ask"]]
     assert ask["ask"]["hint"] == "such as 25 um"
     assert ask["edits"][-1]["new"] is None
 

@@ -557,6 +557,8 @@ def test_a_band_is_pulled_out_of_a_line_and_damps_waves_across_it(
     width = metres(hand.data()["section"][0]["width"])
     assert width > 10 * STEP
     page.wait("document.getElementById('messages').title.includes('mean of')")
+    page.click("#messages")
+    page.wait("document.querySelector('dialog pre')?.textContent.includes('mean of')")
     assert page.errors == []
 
 

@@ -333,6 +333,7 @@ const acts = {
   open: choose, "open-empty": choose, undo: () => again("undo"), redo: () => again("redo"), save, export: exportResult,
   recipe: () => showText("Recipe", session.recipe ?? ""), help: () => showHelp(KEYS, version),
   fit: () => views.fit(), "profile-fit": () => views.fit(),
+  messages: () => showText("Messages", [...(session.messages ?? []), ...notes].join("\n\n")),
   "section-add": () => (/** @type {HTMLElement} */ (document.querySelector("#parts button")).click(), drawing.addLine()), // a narrow page shows the picture first
 };
 for (const [id, act] of Object.entries(acts)) el(id).addEventListener("click", act);

@@ -22,6 +22,8 @@ import { makeModel, Refusal, Superseded } from "./wire.js";
 /** @typedef {import("./ladder.js").Level} Level */
 /** @typedef {Record<string, any>} Dict */
 
+const WIDENED = 150; // ms after a plot last changed its width, when its columns are asked for anew
+
 /**
  * Return the pictures.
  * @param {object} options
@@ -57,7 +59,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       shown(sectionView([map.get("a"), map.get("b")], map.get("unit") ?? "m"));
     }
   });
-  const section = makeModel({ cursors: [0.25, 0.75], others: [] });
+  const section = makeModel({ cursors: [0.25, 0.75], others: [] }, (changes) => "cursors" in changes && askSection());
   const spectrum = makeModel({ band: null }, (changes) => {
     if ("band" in changes) {
       askSpectrum();
@@ -149,11 +151,12 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     try {
       const { header, arrays } = await wire.ask("section", {
         stage: stage(), level: at, a: map.get("a"), b: map.get("b"), columns: Math.max(100, el("section").clientWidth - 70),
+        cursors: section.get("cursors"),
       });
       if (mine !== epoch) return;
       section.put({
         low: arrays.low, high: arrays.high, length: header.length, pv: header.pv, sq: header.sq, unit: header.unit,
-        share_valid: header.share_valid, is_preview: header.is_preview, message: "", distance: arrays.distance,
+        share_valid: header.share_valid, is_preview: header.is_preview, message: "", heights: header.heights, distance: arrays.distance,
       });
       const share = header.share_valid < 1 ? `, ${(100 * header.share_valid).toFixed(1)}\u2009% measured` : "";
       el("section-of").textContent = `${si(header.length, header.unit)}${share}`;
@@ -275,6 +278,18 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       refused(error, (text) => profile.put({ series: {}, message: text }));
     }
   }
+
+  // a plot of another width has other columns
+  let widths = "";
+  let later = 0;
+  const sizes = new ResizeObserver(() => {
+    const now = ["section", "profile"].map((id) => el(id).clientWidth).join(" ");
+    if (now === widths) return;
+    widths = now;
+    clearTimeout(later);
+    later = window.setTimeout(() => void Promise.all([askSection(), askSections(), askProfile()]), WIDENED);
+  });
+  ["section", "profile"].forEach((id) => sizes.observe(el(id)));
 
   return {
     map, section, spectrum, profile,

@@ -65,7 +65,7 @@ _KNOWN = re.compile(
                 for w in words.casefold().split()
                 if not w.isascii() and len(w) > 1
             }
-            | set("µμ°℃å±²³０１２３４５６７８９．，－＋")
+            | set("µμ°℃å±²³\u2212\u202f\u2009０１２３４５６７８９．，－＋")
             | set(_ABOVE.split())
             | {chr(c) for c in (*range(0x3041, 0x3097), *range(0x30A1, 0x30FB))}
             | FOREIGN_SPELLINGS,
@@ -78,6 +78,8 @@ _BEYOND_ASCII = re.compile(rb"(?<![^\r\n])[^\r\n\x80-\xff]*+[\x80-\xff][^\r\n]*"
 """Whole lines with a byte beyond ASCII; a long line is looked through once."""
 _LINES = 100
 """Lines that are looked at for their code page."""
+_WITH_DIGITS = re.compile(rb"[\x81-\xfe][0-9][\x81-\xfe][0-9]")
+"""A character of GB18030 of which two bytes are digits, such as a micro sign or a minus."""
 _PUNCTUATION = frozenset({*range(0x80), *range(0xA0, 0x100), *b"\x80\x85\x91\x92\x93\x94\x96\x97"})
 """Bytes that stand alone in a text of cp1252: letters, and the dash that is written for a minus."""
 _ENOUGH = 1 / 3
@@ -232,10 +234,12 @@ def _legacy_page(data: bytes) -> str:
 
     Only names and units are at stake: digits, marks and separators are the same bytes in each.
     """
-    lines = itertools.islice((m.group() for m in _BEYOND_ASCII.finditer(data)), _LINES)
+    lines = [m.group() for m in itertools.islice(_BEYOND_ASCII.finditer(data), _LINES)]
     # a word that every row repeats counts once
     sample = b"\n".join(dict.fromkeys(line.translate(None, b"0123456789.,+-") for line in lines))
     shares = {page: _known_share(sample, page) for page in _PAGES}
+    if any(map(_WITH_DIGITS.search, lines)):
+        shares["gb18030"] = _known_share(b"\n".join(lines), "gb18030")
     best = max(_PAGES, key=lambda page: shares[page])
     if shares[best] > _ENOUGH:
         return best

@@ -533,7 +533,7 @@ class _Made:
         file, table, is_named = self.file, self.table, z is not None
         if x is None and z is None and len(table.numbers) > 2:
             blank = {c.name for c in table.numbers if _is_empty(c)}
-            if len(table.numbers) - len(blank) == 2:
+            if blank and len(table.numbers) - len(blank) > 1:
                 kept = tuple(c for c in table.columns if c.name not in blank)
                 named = ", ".join(map(repr, sorted(blank)))
                 said = f"column {named} holds no number and was omitted"
@@ -621,7 +621,7 @@ def _without_surroundings(table: Table) -> Table:
         for c in other
         if role_of(c.name) in ("temperature", "index")
         or (c.unit is not None and c.unit.dimension in ("number", "temperature"))
-        or is_other_unit(re.split(r"[\[(]", c.name)[-1].rstrip(" )]"))
+        or is_other_unit(re.split(r"[\[({<]", c.name)[-1].rstrip(" )]}>"))
         or (len(end := c.name.rpartition("_")[2]) > 1 and is_other_unit(end))  # T_degC, not x_1
         or is_truth(c.name, c.values)
     ]

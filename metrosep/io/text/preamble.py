@@ -112,9 +112,11 @@ class Preamble:
         self._file = file
         self._dialect = layout.dialect
         self._n, self._most, self._usual = layout.n, layout.n_raw, layout.n_usual
-        self._is_counted = len(rows) > 1 and all(  # the rows of R, whose numbers have no name
-            line.lstrip().startswith(f'"{k}"') for k, line in enumerate(rows, start=1)
-        )
+        counted = [
+            all(line.lstrip().startswith(mark.format(k)) for k, line in enumerate(rows, start))
+            for mark, start in (('"{}"', 1), ("{} ", 0), ("{} ", 1), ("{}\t", 0), ("{}\t", 1))
+        ]  # the rows of R and pandas, whose numbers have no name
+        self._is_counted = len(rows) > 1 and any(counted)
         self.rows: list[list[str]] = []
         self._names: list[str] | None = None
         self._units: list[Unit | None] | None = None
@@ -228,7 +230,9 @@ class Preamble:
         line = self._waiting[-1][1]
         names = split_header(line, self._dialect.separator, self._n)
         fields = [f.strip().strip('"').strip() for f in self._dialect.split([line])[0]]
-        if names is None and [not f for f in fields] == list(is_empty):
+        named = [bool(f) or e for f, e in zip(fields, is_empty, strict=False)]
+        if names is None and len(is_empty) <= len(fields) <= self._most and all(named):
+            self._n = len(fields)
             names = [f or f"column{k}" for k, f in enumerate(fields, 1)]
             self.unnamed = tuple(f"column{k}" for k, f in enumerate(fields, 1) if not f)
         if names is not None and names[0][:1].isalpha():
@@ -253,7 +257,7 @@ class Preamble:
         names = split_header(line, mark, self._n)
         if names is not None and mark == " " and any(map(_SIGNS.fullmatch, names)):
             return None  # a formula: y = a + b
-        if names is None and self._is_counted and _QUOTED.fullmatch(line):
+        if names is None and self._is_counted and (mark in " \t" or _QUOTED.fullmatch(line)):
             names = split_header(line, mark, self._n - 1)
             if names is not None:
                 self.unnamed = ("column1",)
@@ -262,10 +266,11 @@ class Preamble:
             return names
         # a column without a name among others: the row numbers of pandas, R and Excel
         fields = [f.strip().strip('"').strip() for f in self._dialect.split([line])[0]]
-        fields = fields[: self._n] if n <= self._n else fields
-        few = 2 * sum(map(bool, fields)) < self._n or len(fields) != self._n
-        if few or not any(header_unit(f)[1] for f in fields if f):
+        n = n if named or lacking else self._n
+        few = 2 * sum(map(bool, fields)) < n or len(fields[n:]) != fields[n:].count("")
+        if few or len(fields) < n or not any(header_unit(f)[1] for f in fields if f):
             return None
+        self._n, fields = n, fields[:n]
         self.unnamed = tuple(f"column{k}" for k, f in enumerate(fields, 1) if not f)
         return [f or f"column{k}" for k, f in enumerate(fields, 1)]
 
@@ -331,16 +336,20 @@ class Preamble:
             )
         return [n for n, _ in self._waiting]
 
-    def take_comment(self, comments: Sequence[str]) -> None:
-        if self._names is not None or not comments or ":" in comments[-1]:
+    def take_comment(self, comments: Sequence[str], named: int) -> None:
+        """Take the names in the last comment; one whose mark is the first name (#) also below a title like names."""
+        above = self._names is not None and named <= self._named_at[0]
+        if above or not comments or ":" in comments[-1]:
             return
         below = [bare_unit(f) for f in self._dialect.split([comments[-1].strip()])[0]]
         if len(below) == self._n > 1 and len(comments) > 1 and all(below) and not self._units:
             self._units, comments = list(below), comments[:-1]
-        names = split_header(comments[-1], self._dialect.separator, self._n)
+        names = self._names_of(comments[-1])
         if names is None or any(is_number(n, self._dialect.decimal) for n in names):
             return
         if self._n > 1 or header_unit(names[0])[1] is not None:
+            if self._names is not None:
+                self._waiting.append(self._named_at)
             self._names = names
 
     def columns(self) -> tuple[tuple[str, ...], tuple[Unit | None, ...]]:
@@ -414,7 +423,7 @@ class Preamble:
         if odd := encoding_hint(self.columns()[0]):
             found.append(odd)
         names, units = self.columns()
-        written = self._as_written or [""] * len(names)
+        written = [*self._as_written, *[""] * len(names)][: len(names)]
         for name, below, unit in zip(names, written, units, strict=True):
             capital = "" if unit is None else unit.name.upper()
             text = name if header_unit(name)[1] is not None else below

@@ -734,6 +734,7 @@ class TableHead:
             place: preamble.take(line, place) or "preamble"
             for place, line in content[: layout.start]
         }
+        commented = 0  # the last comment whose mark is a name
         for place, line, kind in others:
             if place >= self.first_line:
                 break
@@ -745,7 +746,8 @@ class TableHead:
                 is_named = _NUMBER_SIGN.match(line)  # the name of the first column is #
                 marks = " \t" if is_named else '#%!;/" \t'
                 self.comments.append(line.strip().lstrip(marks).rstrip('"'))
-        preamble.take_comment(self.comments)
+                commented = place if is_named else 0
+        preamble.take_comment(self.comments, commented)
         kinds |= dict.fromkeys(preamble.rest(self.first_line), "preamble")
         for place, line in content[: layout.start]:
             self._ledger.add(kinds[place], place, line)

@@ -450,7 +450,7 @@ def _messages(
 # do. Nothing here changes a result.
 
 _PEAK_RATIO = 6.0
-"""A resonance stands this much above the median of the noise model's spectrum around it."""
+"""A resonance stands this much above the noise model's spectrum on both sides of it."""
 
 _PEAK_SHARE = 0.02
 """Least share of the noise variance in a resonance that is worth a sentence."""
@@ -479,19 +479,18 @@ def _close_feeds(feeds: tuple[float, ...], travel: float) -> list[str]:
 
 def noise_peaks(model: AutoregressiveModel, *, n_max: int = 4) -> list[float]:
     """Return the frequencies of the strongest resonances of a noise model."""
+    from scipy.signal import find_peaks
+
     if model.order < 2:
         return []
     nyquist = 0.5 / model.time_step
     frequency = np.linspace(0.0, nyquist, 4097)[1:-1]
     density = model.psd(frequency)
     step = frequency[1] - frequency[0]
-    inner = np.flatnonzero((density[1:-1] > density[:-2]) & (density[1:-1] >= density[2:])) + 1
-    background = float(np.median(density))
+    peaks, _ = find_peaks(np.log(density), prominence=math.log(_PEAK_RATIO))
     found: list[tuple[float, float]] = []
-    for i in inner:
-        if density[i] < _PEAK_RATIO * background:
-            continue
-        above = density > density[i] / 10.0
+    for i in peaks.tolist():
+        above = (density > density[i] / 10.0) & (density <= density[i])
         left = i - int(np.argmin(above[i::-1])) if not above[: i + 1].all() else 0
         right = i + int(np.argmin(above[i:])) if not above[i:].all() else density.size
         share = float(density[left:right].sum() * step)

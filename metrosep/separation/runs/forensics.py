@@ -150,7 +150,7 @@ class RunChecks:
             raise InvalidSamplesError(
                 f"no estimate can come of these readings: {why}. Leave such runs out with "
                 f"exclude={which!r}, or keep them with accept={which!r}"
-            )
+            ).hinting(exclude=which)
         used = [i for i in range(len(runs)) if i not in out]
         if not used:
             raise DataError(f"exclude={exclude!r} leaves no run of {len(runs)}")

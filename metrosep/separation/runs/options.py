@@ -127,7 +127,7 @@ class JointOptions:
             raise DataError(
                 f"position_reference={self.position_reference!r} says where position offsets are zero, "
                 "and none are fitted: add position_offsets=True (command line: --set position_offsets=true)"
-            )
+            ).hinting(position_offsets=True)
         chance = "a probability between 0 and 1"
         if not 0.0 < real(self.false_alarm, "false_alarm", what=chance) < 1.0:
             raise DataError(f"false_alarm is {chance}, got {self.false_alarm}")
