@@ -183,9 +183,7 @@ def evaluate(tree: Tree, names: Mapping[str, Dual]) -> Dual:
         return a * b, _sum(_times(b, da), _times(a, db))
     if kind == "/":
         value = a / b
-        return value, _sum(
-            {n: d / b for n, d in da.items()}, _times(-value / b, db) if db else {}
-        )
+        return value, _sum({n: d / b for n, d in da.items()}, _times(-value / b, db) if db else {})
     return _power(a, da, b, db)
 
 

@@ -37,9 +37,10 @@ const WIDENED = 150; // ms after a plot last changed its width, when its columns
  * @param {() => number[][]} options.lines ends of sections
  * @param {(step: Dict, label: string) => void} options.insert a step
  * @param {(failed: number | null) => void} options.reached told which step failed before what is shown
+ * @param {(groove: import("./profile.js").Groove) => void} options.grooved the groove of a step height was moved on a profile
  * @param {(header: Dict) => void} options.learn told what a picture of the map says of it
  */
-export function makeViews({ wire, level, stage, kind, judged, failed, shown, learn, reached, lines, insert }) {
+export function makeViews({ wire, level, stage, kind, judged, failed, shown, learn, reached, lines, insert, grooved }) {
   const el = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
   let shade = false;
   let placed = false;
@@ -82,7 +83,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
   heightsWidget.render({ model: heights, el: el("heights") });
   fourierWidget.render({ model: waves, el: el("waves2d"), act: insert, text: written });
   polarWidget.render({ model: polar, el: el("polar") });
-  profileWidget.render({ model: profile, el: el("profile") });
+  profileWidget.render({ model: profile, el: el("profile"), act: grooved });
 
   const { ask: askRelief, paint: paintRelief, pose: reliefPose } = makeReliefView({ wire, level, stage, kind, lines, epoch: () => epoch, refused, table: () => map.get("colours") });
 
@@ -347,6 +348,12 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       waves.put({ colours: name });
       paintRelief();
       shown({ colours: name });
+    },
+    /** Middle of what was measured along x, m. */
+    middle() {
+      const [x0, , x1] = map.get("extent") ?? [0, 0, 0];
+      const x = profile.get("series")?.measured?.x;
+      return x?.length ? (x[0] + x[x.length - 1]) / 2 : (x0 + x1) / 2;
     },
     /** Largest side of what was measured, m. */
     size() {
