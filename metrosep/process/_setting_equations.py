@@ -314,9 +314,7 @@ def polar_slopes(
     return height, cosine * along_x + sine * along_y, cosine * along_y - sine * along_x
 
 
-def polar_gradient(
-    form: Form, r: FloatArray, theta: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def polar_gradient(form: Form, r: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return dz/dr and (dz/dtheta)/r of a form; negative r is the other side."""
     cosine, sine = np.cos(theta), np.sin(theta)
     along_x, along_y = form.slopes(r * cosine, r * sine)

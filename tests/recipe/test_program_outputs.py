@@ -11,6 +11,8 @@ from metrosep.cli.main import main
 from metrosep.core.errors import DataError, LimitError, MetrosepError
 from metrosep.recipe import Recipe
 
+pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
+
 STEP = """metrosep = 1
 [[step]]
 op = "predict"
