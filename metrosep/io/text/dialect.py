@@ -511,7 +511,8 @@ def find_layout(
         else:  # every line is one field, whichever mark is in none of them
             if point not in whole:
                 whole[point] = _fit(sample, len(head), dialect, labelled, options.missing or ())
-            found = whole[point] and whole[point]._replace(dialect=dialect)
+            found = whole[point]
+            found = None if found is None else found._replace(dialect=dialect)
         if found is not None:
             fits.append(found)
     if not fits:
