@@ -12,6 +12,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from metrosep.core.errors import (
@@ -687,10 +688,24 @@ def _shows_mark(field: str, dialect: Dialect) -> bool:
 def _kinds(
     split: Sequence[Sequence[str]], dialect: Dialect, grouped: Dialect, labelled: bool
 ) -> list[list[str]]:
-    """Return what each field is; fields that repeat are looked at once."""
-    kinds = {f: _kind(f, dialect, grouped) for f in {f for row in split for f in row}}
+    """Return what each field is; fields that repeat are looked at once, also when the file is recognised."""
+    kinds = _known_kinds(dialect, grouped)
+    if len(kinds) > _MOST_KNOWN:  # emptied by nobody: another thread may hold it
+        _known_kinds.cache_clear()
+        kinds = _known_kinds(dialect, grouped)
+    for f in {f for row in split for f in row}.difference(kinds):
+        kinds[f] = _kind(f, dialect, grouped)
     found = [[kinds[f] for f in row] for row in split]
     return [["label", *own[1:]] for own in found] if labelled else found
+
+
+@lru_cache(maxsize=64)
+def _known_kinds(dialect: Dialect, grouped: Dialect) -> dict[str, str]:
+    """Return the kinds of the fields that were looked at under a dialect; it is filled by `_kinds`."""
+    return {}
+
+
+_MOST_KNOWN = 10_000
 
 
 def _is_numbered(kinds: Sequence[str]) -> bool:
