@@ -11,7 +11,7 @@ from metrosep.core.errors import DataError, Example
 from metrosep.core.limits import FORM_OF_SYMBOL
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
-from metrosep.core.readable import did_you_mean
+from metrosep.core.readable import did_you_mean, said_value
 from metrosep.core.regions import SHAPES, check_region
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
@@ -80,7 +80,7 @@ def normal_values(
         choices = key.choices
         if choices and (value not in choices or isinstance(value, bool)):
             known = ", ".join(str(c) for c in choices)
-            raise StepError(f"{name} = {value!r} is not one of {known}", name)
+            raise StepError(f"{name} = {said_value(value)} is not one of {known}", name)
         if name == "centre" and not key.required and key.kind == "any":
             values[name] = _centre(value)
         elif key.inner:
@@ -104,7 +104,7 @@ def _normal(value: Any, key: Option, name: str) -> Any:
     try:
         return checked(replace(key, choices=()), value, "value")
     except DataError as exc:
-        raise StepError(f"{name} = {value!r}: {exc}", name) from None
+        raise StepError(f"{name} = {said_value(value)}: {exc}", name) from None
 
 
 def _centre(value: Any) -> Any:
@@ -112,7 +112,7 @@ def _centre(value: Any) -> Any:
         return "fit"
     if isinstance(value, str) or not isinstance(value, list | tuple) or not 1 <= len(value) <= 2:
         raise StepError(
-            f'centre = {value!r}: "fit", or x and y such as ["5 mm", "5 mm"] are needed here',
+            f'centre = {said_value(value)}: "fit", or x and y such as ["5 mm", "5 mm"] are needed here',
             "centre",
         )
     try:
@@ -153,11 +153,13 @@ def _form_numbers(given: Mapping[str, Any], ideal: Any, key: str) -> dict[str, f
         if name not in units:
             raise StepError(f"{key}: {name} is none of {', '.join(units)}", key)
         if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise StepError(f"{key}: {name} = {value!r} is not a number with a unit", key)
+            raise StepError(
+                f"{key}: {name} = {said_value(value)} is not a number with a unit", key
+            )
         pure = units[name] in ("1", "")
         if not isinstance(value, str) and not pure:
             raise StepError(
-                f'{key}: {name} = {value!r} needs its unit, such as {name} = "{value} mm", or '
+                f'{key}: {name} = {said_value(value)} needs its unit, such as {name} = "{value} mm", or '
                 f'"{value} SI"',
                 key,
             )
