@@ -27,7 +27,8 @@ def line(name, rate):
         cells += (
             ["", "", ""] if is_none else [f"{share:.3f}", f"{worst} {least:.3f}", f"{ratio:.2f}"]
         )
-    return "| " + " | ".join(cells) + " |"
+    bare = Rate.of(rate.bare)[0]
+    return "| " + " | ".join([*cells, "" if bare != bare else f"{bare:.3f}"]) + " |"
 
 
 def main():
@@ -39,9 +40,13 @@ def main():
     os.nice(10)
     chosen = tuple(w.strip() for w in arguments.only.split(",") if w.strip())
     seeds = range(arguments.first, arguments.first + arguments.seeds)
-    print(
-        "| readings | numbers | worst | u/error | curves | worst | u/error |\n|---|---|---|---|---|---|---|"
-    )
+    heads = [
+        "readings",
+        *("numbers", "worst", "u/error"),
+        *("curves", "worst", "u/error"),
+        "by noise alone",
+    ]
+    print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
     if not chosen or "circle".startswith(chosen):
         rate = Rate()
         for seed in seeds:
@@ -50,12 +55,11 @@ def main():
     for name in ROWS:
         if chosen and not name.startswith(chosen):
             continue
-        for endless in (False, True):
-            rate, begin = Rate(), time.process_time()
-            for seed in seeds:
-                calibrated(name, seed, rate, endless)
-            print(line(name + (", motions go on" if endless else ""), rate), flush=True)
-            print(f"{(time.process_time() - begin) / len(seeds):.2f} s each", file=sys.stderr)
+        rate, begin = Rate(), time.process_time()
+        for seed in seeds:
+            calibrated(name, seed, rate)
+        print(line(name, rate), flush=True)
+        print(f"{(time.process_time() - begin) / len(seeds):.2f} s each", file=sys.stderr)
 
 
 if __name__ == "__main__":

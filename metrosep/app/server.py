@@ -566,7 +566,8 @@ class PictureAnswers:
         full = self.session.evaluations
         pixel = None if full is None else [getattr(full.obj, k, None) for k in ("dx", "dy")]
         known = pixel is not None and None not in pixel
-        return {**header, "pixel": pixel if known else None}, arrays
+        header |= {"pixel": pixel if known else None, "failed": outcome.failed}
+        return header, arrays
 
     def relief(self, message: Message, cancel: Cancel) -> Answer:
         """Answer a request ``relief``: heights about their mean for a view in three dimensions."""
@@ -630,7 +631,7 @@ class PictureAnswers:
                 columns=message.get("columns") or 1000,
             )
             arrays |= profile_arrays(view, f"{name}_")
-        return {"is_preview": outcome.is_preview}, arrays
+        return {"is_preview": outcome.is_preview, "failed": outcome.failed}, arrays
 
     def spectrum(self, message: Message, cancel: Cancel) -> Answer:
         """Answer a request ``spectrum``."""

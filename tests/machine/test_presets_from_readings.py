@@ -122,7 +122,7 @@ def test_95_of_100_truths_are_within_2_u_with_balls_of_unknown_place():
     """80 seeds of the table that tools/calibration_coverage.py makes: 11 lines, 6 motions of the table."""
     rate = Rate()
     for seed in range(80):
-        assert calibrated("R-test", seed, rate, endless=False).null == ()
+        assert calibrated("R-test", seed, rate).null == ()
     share, worst, least, _ = Rate.of(rate.numbers)
     print(f"R-test: {share:.4f}, worst {worst} {least:.3f}")
     assert 0.93 <= share <= 0.975

@@ -517,10 +517,16 @@ def test_no_delay_is_invented():
 
 
 @pytest.mark.parametrize("method", ["mean", "kono"])
-def test_a_method_in_space_says_that_the_readings_lag(method):
-    messages = separate(Axis(22, lag=4e-3).set(), method=method).messages
+@pytest.mark.parametrize(
+    ("seed", "lag", "verb"), [(22, 4e-3, "lag"), (88100, 1.2e-3, "lag"), (88101, -1.4e-3, "lead")]
+)
+def test_a_method_in_space_says_that_the_readings_lag(method, seed, lag, verb):
+    messages = separate(Axis(seed, lag=lag).set(), method=method).messages
+    (said,) = (m for m in messages if m.startswith(f"readings {verb} the position by"))
+    found, u = (float(v) for v in re.findall(r"([\d.]+) ms", said)[:2])
 
-    assert any("readings lag the position by" in m and "method='joint'" in m for m in messages)
+    assert "method='joint'" in said
+    assert abs(found - 1e3 * abs(lag)) < 4.0 * u < 0.4 * found * 4.0
 
 
 # --- results that contradict themselves ----------------------------------------------------------

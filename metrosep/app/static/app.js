@@ -65,7 +65,7 @@ const tree = makeTree(el("steps"), {
 });
 const views = makeViews({
   wire, level: () => ladder.level, stage: () => tree.chosen, kind: () => session.kind ?? "none", failed: fail,
-  judged: () => shownStep()?.op === "psd", shown: memory.put, learn: (header) => drawing.learn(header), lines: () => drawing.lines(),
+  judged: () => shownStep()?.op === "psd", shown: memory.put, learn: (header) => drawing.learn(header), reached: (failed) => drawStage(failed), lines: () => drawing.lines(),
   insert: (step, label) => tree.insert(step, label),
   grooved: ({ index, ...lengths }) => edit(Object.entries(lengths).map(([key, value]) => ({ path: ["step", index, key], old: session.steps[index].keys[key], new: written(value) })), "move the groove"),
 });

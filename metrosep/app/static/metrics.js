@@ -250,8 +250,8 @@ export function makeMetrics(el, verdictEl, edit) {
     word.className = "word";
     const none = !(session?.checks ?? []).length;
     const state = !found || found.is_preview ? null : VERDICTS[found.verdict];
-    if (none && !found?.mends?.length) word.textContent = "No limits set: click a metric";
-    else if (found?.failed) word.textContent = "No verdict: a step failed";
+    if (found?.failed) word.textContent = `No verdict: step ${found.failed.index + 1} failed`;
+    else if (none && !found?.mends?.length) word.textContent = "No limits set: click a metric";
     else if (found?.refused) {
       word.textContent = `No verdict: ${found.refused}`;
       if (found.mends?.length) word.append(mendButtons(found.mends, edit));

@@ -36,10 +36,11 @@ const WIDENED = 150; // ms after a plot last changed its width, when its columns
  * @param {(view: Dict) => void} options.shown told what is to be remembered of the view
  * @param {() => number[][]} options.lines ends of sections
  * @param {(step: Dict, label: string) => void} options.insert a step
+ * @param {(failed: number | null) => void} options.reached told which step failed before what is shown
  * @param {(groove: import("./profile.js").Groove) => void} options.grooved the groove of a step height was moved on a profile
  * @param {(header: Dict) => void} options.learn told what a picture of the map says of it
  */
-export function makeViews({ wire, level, stage, kind, judged, failed, shown, learn, lines, insert, grooved }) {
+export function makeViews({ wire, level, stage, kind, judged, failed, shown, learn, reached, lines, insert, grooved }) {
   const el = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
   let shade = false;
   let placed = false;
@@ -125,6 +126,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       });
       if (String(map.get("extent")) !== String(header.extent)) map.put({ extent: header.extent });
       learn(header);
+      reached(header.failed);
       counted("map");
     } catch (error) {
       refused(error, (text) => {
@@ -179,7 +181,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       section.put({ others });
       polar.put({ is_preview: header.is_preview, rounds: others.filter((/** @type {Dict} */ one) => one.kind === "circle") });
     } catch (error) {
-      refused(error, () => section.put({ others: [] }));
+      refused(error, () => (section.put({ others: [] }), polar.put({ rounds: [] })));
     }
   }
 
@@ -274,6 +276,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       });
       if (mine !== epoch) return;
       const one = (/** @type {string} */ name) => ({ x: arrays[`${name}_x`], low: arrays[`${name}_low`], high: arrays[`${name}_high`] });
+      reached(header.failed);
       profile.put({ is_preview: header.is_preview, message: "", series: { measured: one("measured"), residual: one("residual") } });
     } catch (error) {
       refused(error, (text) => profile.put({ series: {}, message: text }));
