@@ -38,7 +38,7 @@ _SHOWN = 8
 
 _MAP = {
     "unit": "Unit of the heights, where the table is a map",
-    "lateral_step": "Lateral step of the map, such as 3 um; with a map leave the columns empty",
+    "lateral_step": "Lateral step of the map, such as 3 um, or 2 um x 3 um (along x, along y); with a map leave the columns empty",
 }
 _LABELS = {
     "x": "Position",
@@ -252,7 +252,7 @@ def _map_fields(given: Mapping[str, Any]) -> list[dict[str, Any]]:
             "label": label,
             "value": str(given.get(name, "")),
             "choices": choices[name],
-            "hint": "such as um" if name == "unit" else "such as 3 um",
+            "hint": "such as um" if name == "unit" else "such as 3 um, or 2 um x 3 um",
         }
         for name, label in _MAP.items()
     ]

@@ -32,7 +32,7 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 from metrosep.core.inside import carried
-from metrosep.core.numbers import positive
+from metrosep.core.numbers import positive, steps_of
 from metrosep.core.provenance import Step, hash_bytes
 from metrosep.core.text_options import TextOptions
 
@@ -407,11 +407,11 @@ def lateral_steps(
     """Return the lateral steps that a caller declares, in m: one for both directions, or (dx, dy)."""
     if override is None:
         return None
-    items = tuple(override) if isinstance(override, (tuple, list)) else (override, override)
-    if len(items) != 2:
+    items = steps_of(override)
+    if len(items) > 2 or (len(items) == 1 and isinstance(override, tuple | list)):
         raise ReadError(f"lateral_step has {len(items)} values; give one step or (dx, dy)")
-    first, second = (positive(s, "lateral_step", dimension="length") for s in items)
-    return first, second
+    found = [positive(s, "lateral_step", dimension="length") for s in items]
+    return found[0], found[-1]
 
 
 def rate_of(sampling_rate: float | str) -> float:
