@@ -74,6 +74,16 @@ def separations_once(_once: Once, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(entry, "separate_runs", _once)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _folds_kept() -> Iterator[None]:
+    """Estimates without each of the runs are kept for the tests of other files that judge the same runs."""
+    from metrosep.compensation import measured
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(measured, "_KEPT", 16)
+        yield
+
+
 @pytest.fixture
 def command_line(monkeypatch: pytest.MonkeyPatch) -> Callable[..., CompletedProcess[str]]:
     """Run a command of metrosep in a folder, in this process: exit code and what it printed."""

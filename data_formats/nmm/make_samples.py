@@ -78,7 +78,7 @@ PAIRS = {
     ),
 }  # fmt: skip
 ALONE = {
-    "two-lines.dsc": (WHOLE, "FormatMismatchError", "channel='line 1' ... channel='line 2'"),
+    "two-lines.dsc": (WHOLE, "FormatMismatchError", "channel='positions' for their positions"),
     "no-columns.dsc": (WHOLE.split("0 :", maxsplit=1)[0], "CorruptFileError", "lists no columns"),
     "contradiction.dsc": (
         WHOLE.replace("XY vector : 2", "XY vector : 3"),

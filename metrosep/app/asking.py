@@ -38,7 +38,7 @@ _SHOWN = 8
 
 _MAP = {
     "unit": "Unit of the heights, where the table is a map",
-    "lateral_step": "Lateral step of the map, such as 3 um; with a map leave the columns empty",
+    "lateral_step": "Lateral step of the map, such as 3 um, or 2 um x 3 um (along x, along y); with a map leave the columns empty",
 }
 _LABELS = {
     "x": "Position",
@@ -50,8 +50,18 @@ _LABELS = {
     "time": "Time; empty where there is none",
     "scale": "Sensitivity where the reading is a voltage, such as 2.5 um/V",
 }
+_TRACE = {
+    "angle": "Roundness trace: its angle; with a trace leave position and reading empty",
+    "angle_unit": "Unit of the angle, where its name does not say it",
+    "radius": "Roundness trace: radius, or deviation from a circle",
+    "radius_unit": "Unit of the radius, where its name does not say it",
+    "height": "Height of each trace, where the table holds several; empty where it is one",
+}
 _ROLES = {"x": "position", "z": "height", "feed": "feed", "run": "run", "time": "time"}
 """Roles that the names of columns tell, as every reader of text knows them."""
+
+_ANGLES, _HEIGHTS = ("angle", "winkel", "phi", "theta"), ("height", "höhe", "z")
+"""Names of the columns of a roundness trace."""
 
 _FEWEST = 2
 
@@ -160,17 +170,28 @@ def ask_columns(files: Sequence[Path], given: Mapping[str, Any], why: str) -> As
     if len(names) == _FEWEST and not guessed["x"] and not guessed["z"]:
         guessed["x"], guessed["z"] = names
     roles = [role for role in _LABELS if _is_asked(role, columns, several=len(files) > 1)]
+    labels = {role: _LABELS[role] for role in roles}
+    trace = _trace_of(files[0], columns)
+    if trace:
+        runs = {} if "angle_unit" in trace else labels  # what its numbers prove is no set of runs
+        labels = {k: v for k, v in _TRACE.items() if _is_asked(k, columns, several=True)} | runs
+        if not {"time", "feed", "run"} & {k for k, v in guessed.items() if v}:
+            guessed = trace  # a table of one or more turns, nothing that tells runs apart
     fields = [
         {
             "name": role,
-            "label": _LABELS[role],
+            "label": label,
             "value": str(given.get(role, guessed.get(role, ""))),
             "choices": _choices(role, names),
-            "hint": "such as um" if role.endswith("_unit") else "",
+            "hint": f"such as {_choices(role, names)[1]}" if role.endswith("_unit") else "",
         }
-        for role in roles
+        for role, label in labels.items()
     ]
     sample = first_lines(files[0], given)
+    if trace:
+        why = f"{why}; is it a roundness trace"
+        message = f"{why}, or which column is what? {files[0].name} holds {', '.join(names)}"
+        return Ask(message, "columns", str(files[0]), fields, sample)
     if len(files) == 1 and _may_be_map(files[0], given):
         fields = [*_map_fields(given), *fields]
         few = ", ".join([*names[:_SHOWN], *(["..."] if len(names) > _SHOWN else [])])
@@ -200,6 +221,29 @@ def ask_text(file: Path, given: Mapping[str, Any], why: MetrosepError) -> Ask | 
     return Ask(words, fields[0]["name"], str(file), fields, sample)
 
 
+def _trace_of(file: Path, columns: Sequence[tuple[str, str | None]]) -> dict[str, str]:
+    """Return the columns of a roundness trace, as far as their units and names tell them; empty of other tables."""
+    from metrosep.io.registry import find
+    from metrosep.io.source import open_file
+
+    names = [name for name, _ in columns]
+    try:
+        if find(open_file(file)).id == "talyrond":
+            return {"angle": names[0], "angle_unit": "deg", "radius": names[1]}
+    except MetrosepError:
+        pass
+    turning = [
+        name
+        for name, dimension in columns
+        if dimension == "angle" or (dimension is None and _bare(name).lower() in _ANGLES)
+    ]
+    heights = [n for n in names if _bare(n).lower() in _HEIGHTS]
+    lengths = [n for n, d in columns if d in ("length", None) and n not in (*turning, *heights)]
+    if len(turning) != 1 or not lengths:
+        return {}
+    return {"angle": turning[0], "radius": lengths[0], "height": (heights or [""])[0]}
+
+
 def _map_fields(given: Mapping[str, Any]) -> list[dict[str, Any]]:
     choices = {"unit": list(_LENGTHS), "lateral_step": []}
     return [
@@ -208,7 +252,7 @@ def _map_fields(given: Mapping[str, Any]) -> list[dict[str, Any]]:
             "label": label,
             "value": str(given.get(name, "")),
             "choices": choices[name],
-            "hint": "such as um" if name == "unit" else "such as 3 um",
+            "hint": "such as um" if name == "unit" else "such as 3 um, or 2 um x 3 um",
         }
         for name, label in _MAP.items()
     ]
@@ -242,6 +286,10 @@ def answered(given: Mapping[str, Any]) -> dict[str, Any]:
         if not isinstance(plain.get(role), str):
             raise DataError(f"{role}_unit = {unit!r} needs the column {role}; name it")
         plain[role] = {"column": plain[role], "unit": unit}
+    for role in ("angle", "radius"):
+        unit = plain.pop(f"{role}_unit", None)
+        if unit is not None and role in plain:
+            plain[role] = f"{plain[role]}:{unit}"
     return plain
 
 
@@ -249,12 +297,16 @@ def _is_asked(role: str, columns: Sequence[tuple[str, str | None]], *, several: 
     """Whether a question makes sense: only of what the columns can answer."""
     if role.endswith("_unit"):
         return any(dimension is None for _, dimension in columns)
+    if role in _TRACE:
+        return role != "height" or len(columns) > _FEWEST
     if role == "scale":
         return any(dimension in (None, "voltage") for _, dimension in columns)
     return role in ("x", "z") or len(columns) > _FEWEST or (several and role == "feed")
 
 
 def _choices(role: str, names: list[str]) -> list[str]:
+    if role == "angle_unit":
+        return ["rad", "deg"]
     if role.endswith("_unit"):
         return list(_LENGTHS)
     return [] if role == "scale" else names

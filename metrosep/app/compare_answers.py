@@ -106,6 +106,11 @@ def _side(name: str, result: Result) -> _Side:
     return _Side(name, result.document, obj if isinstance(obj, Surface | Profile) else None)
 
 
+_UNCHOSEN = (
+    "nothing is chosen to compare with; choose a pinned result, a result.json or another file"
+)
+
+
 # ---- the other one ---------------------------------------------------------------------------
 
 
@@ -113,7 +118,7 @@ def _other(
     session: Session, opened: Opened, recipe: Any, against: Any, cancel: Cancel, tell: Tell
 ) -> _Side:
     if not isinstance(against, Mapping) or len(against) != 1:
-        raise DataError("against names one of pin, result or files")
+        raise DataError(_UNCHOSEN)
     ((how, what),) = against.items()
     if how == "pin":
         with _LOCK:
@@ -126,7 +131,7 @@ def _other(
         path = session.places.readable(text_of(against, "result"))
         return _Side(f"{path.parent.name}/{path.name}", load_document(path))
     if how != "files" or not isinstance(what, list) or not what:
-        raise DataError("against names one of pin, result or files (a list)")
+        raise DataError(_UNCHOSEN)
     files = [session.places.readable(str(f)) for f in what]
     key = "\n".join(f"{f} {f.stat().st_mtime_ns} {f.stat().st_size}" for f in files)
 

@@ -42,6 +42,7 @@ __all__ = [
     "stamps_of",
     "start_runs_text",
     "start_text",
+    "start_traces_text",
     "text_key",
     "with_digests",
 ]
@@ -114,6 +115,17 @@ def start_runs_text(
     several = _may_tell_feeds(reading) if feeds is None else feeds >= _FEWEST_FEEDS
     step = {"op": "separate", "method": "joint" if several else "mean"}
     return _started(list(files), reading, (step,))
+
+
+def start_traces_text(files: Sequence[str], reading: Mapping[str, Any]) -> str:
+    """Return the recipe that a session starts with for roundness traces.
+
+    Examples
+    --------
+    >>> 'op = "roundness"' in start_traces_text(["t.csv"], {"angle": "a_deg", "radius": "r_um"})
+    True
+    """
+    return _started(list(files), reading, ({"op": "roundness"},))
 
 
 def _may_tell_feeds(reading: Mapping[str, Any]) -> bool:

@@ -44,15 +44,15 @@ class Outcome:
     shift: tuple[float, float] = (0.0, 0.0)
 
     def after(self, stage: int) -> Surface | Profile:
-        """Return the measurement after a step."""
+        """Return the measurement after a step; where it was not reached, before the one that failed."""
+        if self.failed is not None and stage >= self.failed:
+            stage = -1
         if stage == -2 or (stage == -1 and not self.stages):
             return self.source
         if stage == -1:
             return self.stages[-1].obj
         if 0 <= stage < len(self.stages):
             return self.stages[stage].obj
-        if self.error is not None and self.failed is not None and stage >= self.failed:
-            raise self.error
         raise DataError(f"there is no step {stage + 1}, the recipe has {len(self.stages)}")
 
 

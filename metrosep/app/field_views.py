@@ -117,7 +117,7 @@ def waves_view(surface: Surface) -> tuple[Mapping[str, Any], Arrays]:
     top = float(density.max())
     j, i = np.unravel_index(int(density.argmax()), density.shape)
     fx, fy = float(psd.frequency_x[i]), float(psd.frequency_y[j])
-    notes = []
+    notes = ["Hann window, plane removed"]
     if share:
         notes.append(
             f"{100.0 * share:.3g} % not measured: the mean around stands there, for this picture only"

@@ -42,9 +42,6 @@ def ask_for(message: str, given: Mapping[str, Any]) -> list[dict[str, Any]]:
     for name, quoted, other in _HINT.findall(message):
         values = proposed.setdefault(name, [])
         value = quoted or other
-        before = str(given.get(name) or "")
-        if value and before and name in ("skip_lines", "missing"):
-            value = f"{before},{value}"  # what was left out before stays so
         if value and value not in values:
             values.append(value)
     return [

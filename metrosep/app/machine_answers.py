@@ -1,4 +1,4 @@
-"""What the page of a machine draws: terms with what they are, residuals, the volumetric error as a picture."""
+"""What the page of a method draws: charts of its document; terms of a machine with what they are."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from metrosep.app.separations import MethodResults
 from metrosep.app.sessions import Session
 from metrosep.app.wire import Answer, Cancel, Message, Tell, plain
 from metrosep.core.errors import DataError
+from metrosep.recipe.describe.describe_tests import curves_of
+from metrosep.separation import Separation
 
 __all__ = ["machine"]
-
-OPS = ("calibrate", "circle", "thermal", "iso230_7")
 
 
 def machine(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
@@ -21,18 +21,18 @@ def machine(session: Session, message: Message, cancel: Cancel, tell: Tell) -> A
     with session.lock:
         opened, document = session.need()
         recipe, op = document.recipe, str(document.recipe.steps[0]["op"])
-    if op not in OPS or not isinstance(opened.material, MethodResults):
-        raise DataError(
-            f"there is a page of the machine for recipes of op {', '.join(OPS)} only, this one is {op}"
-        )
+    if op == "rank" or not isinstance(opened.material, MethodResults):
+        raise DataError(f"there are pictures of a method, and a ranking has its own; this is {op}")
     tell({"k": "progress", "words": "computing"})
     result, refused = as_far_as_it_goes(opened.material, recipe, cancel)
-    separation = result.document["separation"]
+    charts = list(result.document["separation"]["charts"])
+    if isinstance(result.produced, Separation) and not any(c["kind"] == "curves" for c in charts):
+        charts = [*curves_of(result.produced), *charts]  # the report draws these from the parts
     header = {
         "op": op,
         "rows": _terms(result.produced) if op == "calibrate" else [],
         "null": list(result.produced.found.null) if op == "calibrate" else [],
-        "charts": separation["charts"],
+        "charts": charts,
         "messages": [
             session.words(str(m))
             for m in [refused] * (refused is not None)

@@ -410,6 +410,7 @@ def section_frame(view: SectionView, *, is_preview: bool = False) -> Frame:
         "sq": view.sq,
         "share_valid": view.share_valid,
         "unit": view.unit,
+        "heights": [[t, z] for t, z in view.heights.items()],
         "is_preview": is_preview,
     }
     return header, {"distance": view.distance, "low": view.low, "high": view.high}

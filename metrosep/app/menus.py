@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from metrosep.forms.base import Form
 from metrosep.forms.catalogue import form_from_text, form_names
 from metrosep.recipe.pipeline_checks import FILTER_KEYS
 
@@ -47,6 +48,9 @@ _WORDS = {
     "ky": "conic constant along y", "amplitude_y": "amplitude along y", "wavelength_y": "wavelength along y",
     "norm_radius": "radius of the powers",
 }  # fmt: skip
+_SIZES = {"amplitude": "50 nm", "wavelength": "0.1 mm"}
+_ASKED = ("wavelength",)
+"""No form guesses it: a fit needs it to begin."""
 _HINTS = {"m": "50 mm", "rad": "0 deg", "1": "-1"}
 _NUMBER = "found by the fit where it is left empty"
 
@@ -110,8 +114,13 @@ def _fields(name: str) -> list[dict[str, Any]]:
         _field(
             key,
             _WORDS.get(key, key.replace("_", " ")),
-            hint="0" if unit == "1" and form.parameters[key] is not None else _HINTS[unit],
-            help_=_NUMBER if form.parameters[key] is None else "0 where it is left empty",
+            hint=_hint(key, unit, form),
+            required=key in _ASKED,
+            help_="where the fit begins"
+            if key in _ASKED
+            else _NUMBER
+            if form.parameters[key] is None
+            else "0 where it is left empty",
         )
         for key, unit in form.units.items()
     ]
@@ -121,6 +130,13 @@ def _fields(name: str) -> list[dict[str, Any]]:
             _field("norm_radius", _WORDS["norm_radius"], hint="10 mm"),
         ]
     return fields
+
+
+def _hint(key: str, unit: str, form: Form) -> str:
+    """Return an example of what is typed."""
+    if key in _SIZES:
+        return _SIZES[key]
+    return "0" if unit == "1" and form.parameters[key] is not None else _HINTS[unit]
 
 
 def _field(

@@ -9,12 +9,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from metrosep.app.evaluations import Evaluations
+from metrosep.app.evaluations import Evaluations, Outcome
 from metrosep.app.separations import MethodResults, Separations, without_tables
 from metrosep.app.sessions import Session, is_extreme, mark_of
 from metrosep.app.wire import Answer, Cancel, Message, Tell, level_of, number_or_none, plain
 from metrosep.core.errors import DataError, MetrosepError
-from metrosep.recipe.pipeline import CancelledError, Stage
+from metrosep.recipe.pipeline import CancelledError, Stage, usual_names
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.result import Result
 from metrosep.recipe.step_help import step_words
@@ -133,6 +133,7 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
     }
     if outcome.error is not None:
         header["failed"] = session.failure(outcome)
+        header["rows"] += _lost(recipe, outcome, {row["symbol"] for row in header["rows"]})
     elif refused:
         header["refused"] = refused
     elif not outcome.is_preview:
@@ -148,6 +149,18 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
                 header["verdict"] = judged["verdict"]
                 header["checks"] = plain(judged["characteristics"])
     return header, {}
+
+
+def _lost(recipe: Recipe, outcome: Outcome, there: set[str]) -> list[dict[str, Any]]:
+    """Return rows without a value for the parameters of the steps behind the one that failed."""
+    failed = outcome.failed or 0
+    steps = [
+        s for s in recipe.steps[failed:] if s["op"] == "parameters" and s.get("enabled", True)
+    ]
+    names = [n for s in steps for n in s.get("names") or usual_names(outcome.after(-1))]
+    why = f"not evaluated, as step {failed + 1} failed"
+    empty = {"value": None, "unit": "1", "u": None, "definition": why, "waits": False}
+    return [{"symbol": n, **empty} for n in dict.fromkeys(names) if n not in there | {"all"}]
 
 
 def _words(stage: Stage) -> list[str]:

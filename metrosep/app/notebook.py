@@ -169,6 +169,8 @@ def _widget_class() -> Any:
             Heights at the ends of the colours; None for the robust range.
         window : tuple of (float, float) or None, m
             Part of a profile that is shown.
+        cursors : tuple of (float, float) or None
+            Where the cursors of the section stand, parts of its length from a.
         colours : str
             "viridis" or "cividis".
         height : int
@@ -186,6 +188,7 @@ def _widget_class() -> Any:
         band = Numbers("the band of wavelengths", rising=True, positive=True).tag(sync=True)
         limits = Numbers("the limits of the colours", rising=True).tag(sync=True)
         window = Numbers("the window of the profile", rising=True).tag(sync=True)
+        cursors = Numbers("the cursors of the section").tag(sync=True)
         view = traitlets.Dict().tag(sync=True)
         map_frame = traitlets.Bytes().tag(sync=True)
         section_frame = traitlets.Bytes().tag(sync=True)
@@ -195,7 +198,7 @@ def _widget_class() -> Any:
         def __init__(self, exploration: Exploration, **options: Any) -> None:
             self._exploration = exploration
             self._seen: dict[str, tuple[Any, ...]] = {}
-            first = dict(options)
+            first = {"cursors": _CURSORS, **options}
             if ends := exploration.first_section:
                 first = {**dict(zip(("a", "b"), ends, strict=True)), **first}
             super().__init__(kind=exploration.kind, **first)
@@ -221,7 +224,7 @@ def _widget_class() -> Any:
                 raise DataError(f"height must be {low} to {high} pixels, got {proposal['value']}")
             return proposal["value"]
 
-        @traitlets.observe("a", "b", "band", "limits", "window", "view")
+        @traitlets.observe("a", "b", "band", "limits", "window", "view", "cursors")
         def _changed(self, change: Any) -> None:
             if self._seen:
                 self._draw()
@@ -230,7 +233,10 @@ def _widget_class() -> Any:
             """Draw again what has changed, in one message."""
             wishes: dict[str, tuple[Any, ...]] = {"spectrum": (self.a, self.b, self.band)}
             if self.kind == "map":
-                wishes |= {"map": (self.view, self.limits), "section": (self.a, self.b)}
+                wishes |= {
+                    "map": (self.view, self.limits),
+                    "section": (self.a, self.b, self.cursors),
+                }
             else:
                 wishes["profile"] = (self.window,)
             with self.hold_sync():
@@ -251,6 +257,9 @@ Pair = tuple[float, float]
 
 _MARGIN = 0.08
 """Part of the width between the rim of the map and the ends of the first section."""
+
+_CURSORS = (0.25, 0.75)
+"""Where the cursors of the section stand first."""
 
 _COLUMNS = 1000
 """Pixel columns of a line in a notebook; screens have no more there."""
@@ -344,13 +353,15 @@ class Exploration:
 
         return self._frame("map", drawn)
 
-    def section(self, a: Pair, b: Pair) -> bytes:
+    def section(self, a: Pair, b: Pair, cursors: Pair | None = None) -> bytes:
         """Return the section from a to b, read from the map at full resolution."""
 
         def drawn() -> tuple[dict[str, Any], Arrays]:
             if not isinstance(self.obj, Surface):
                 _refuse("this measurement is a profile, it has no sections")
-            return section_frame(section_view(self.obj, a, b, columns=_COLUMNS))
+            return section_frame(
+                section_view(self.obj, a, b, columns=_COLUMNS, cursors=cursors or ())
+            )
 
         return self._frame("section", drawn)
 

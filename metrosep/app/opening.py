@@ -32,6 +32,7 @@ from metrosep.app.documents import (
     stamps_of,
     start_runs_text,
     start_text,
+    start_traces_text,
     with_digests,
 )
 from metrosep.app.evaluations import Evaluations
@@ -81,6 +82,9 @@ _LONGEST_NAME = 100
 
 _COLUMNS = tuple(key for key in INPUT if key != "files")
 """Those of repeated runs."""
+
+_TRACES = ("angle", "radius", "height")
+"""Those of roundness traces."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,11 +167,12 @@ def open_files(
     opened, messages = _taken_up(places, kept, files, given, read)
     if opened is not None:
         return _stamped(opened, stamps)
-    fresh = (
-        _runs(places, files, given)
-        if are_runs(files, given)
-        else _one(places, files[0], given, read)
-    )
+    if set(_TRACES) & set(given):
+        fresh = _traces(places, files, given)
+    elif are_runs(files, given):
+        fresh = _runs(places, files, given)
+    else:
+        fresh = _one(places, files[0], given, read)
     said, displaced = (*messages, *fresh.messages), kept.is_file() and bool(messages)
     return _stamped(replace(fresh, kept=kept, messages=said, displaced=displaced), stamps)
 
@@ -206,9 +211,9 @@ def open_with(
 
 
 def _checked(given: dict[str, Any]) -> dict[str, Any]:
-    unknown = sorted(set(given) - set(READING) - set(_COLUMNS))
+    unknown = sorted(set(given) - {*READING, *_COLUMNS, *_TRACES})
     if unknown:
-        known = ", ".join(sorted({*READING, *_COLUMNS}))
+        known = ", ".join(sorted({*READING, *_COLUMNS, *_TRACES}))
         raise DataError(f"there is no option {unknown[0]!r} of reading; there are {known}")
     return given
 
@@ -286,12 +291,7 @@ def _runs(places: Places, files: list[Path], given: Mapping[str, Any]) -> Opened
             )
     if "x" not in given or "z" not in given:
         raise ask_columns(files, given, "several files are one set of repeated runs")
-    folder = files[0].parent
-    if any(f.parent != folder for f in files):
-        raise DataError(
-            "the files of a set of runs lie in one folder; copy them together, the recipe names them "
-            "beside itself"
-        )
+    folder = _common_folder(files)
     chosen = {k: v for k, v in given.items() if k in _COLUMNS}
     names, name = [f.name for f in files], _name(files[0])
     document = RecipeDocument(start_runs_text(names, chosen), folder, name, places.admits)
@@ -301,6 +301,37 @@ def _runs(places: Places, files: list[Path], given: Mapping[str, Any]) -> Opened
     document = RecipeDocument(text, folder, name, places.admits)
     said = () if feeds > 1 else (ONE_FEED,)
     return Opened("runs", tuple(files), files[0], document, separations, said)
+
+
+def _traces(places: Places, files: list[Path], given: Mapping[str, Any]) -> Opened:
+    """Open roundness traces: one file, or several sections of a feature."""
+    missing = [key for key in ("angle", "radius") if key not in given]
+    if missing:
+        raise ask_columns(
+            files, given, f"the {' and the '.join(missing)} of the trace is not named"
+        )
+    if {"x", "z"} & set(given):
+        why = "name the angle and the radius of a trace, or a position and a reading, not both"
+        raise ask_columns(files, given, why)
+    folder = _common_folder(files)
+    chosen = {k: v for k, v in given.items() if k in (*_TRACES, *TEXT_OPTIONS)}
+    text = start_traces_text([f.name for f in files], chosen)
+    document = RecipeDocument(text, folder, _name(files[0]), places.admits)
+    material = MethodResults(files)
+    try:
+        material.result(document.recipe)  # a wrong column shows now
+    except MetrosepError as exc:
+        raise ask_columns(files, given, str(exc)) from None
+    return Opened("method", tuple(files), files[0], document, material)
+
+
+def _common_folder(files: Sequence[Path]) -> Path:
+    folder = files[0].parent
+    if any(f.parent != folder for f in files):
+        raise DataError(
+            "the files of a set lie in one folder; copy them together, the recipe names them beside itself"
+        )
+    return folder
 
 
 def _of_recipe(

@@ -569,7 +569,8 @@ class PictureAnswers:
         full = self.session.evaluations
         pixel = None if full is None else [getattr(full.obj, k, None) for k in ("dx", "dy")]
         known = pixel is not None and None not in pixel
-        return {**header, "pixel": pixel if known else None}, arrays
+        header |= {"pixel": pixel if known else None, "failed": outcome.failed}
+        return header, arrays
 
     def relief(self, message: Message, cancel: Cancel) -> Answer:
         """Answer a request ``relief``: heights about their mean for a view in three dimensions."""
@@ -587,7 +588,11 @@ class PictureAnswers:
         """Answer a request ``section``."""
         outcome, obj = self._surface(message, cancel, "sections")
         view = section_view(
-            obj, message["a"], message["b"], columns=message.get("columns") or 1000
+            obj,
+            message["a"],
+            message["b"],
+            columns=message.get("columns") or 1000,
+            cursors=message.get("cursors") or (),
         )
         return section_frame(view, is_preview=outcome.is_preview)
 
@@ -629,7 +634,7 @@ class PictureAnswers:
                 columns=message.get("columns") or 1000,
             )
             arrays |= profile_arrays(view, f"{name}_")
-        return {"is_preview": outcome.is_preview}, arrays
+        return {"is_preview": outcome.is_preview, "failed": outcome.failed}, arrays
 
     def spectrum(self, message: Message, cancel: Cancel) -> Answer:
         """Answer a request ``spectrum``."""

@@ -16,7 +16,7 @@ from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.readable import said_value
 from metrosep.core.runset import Run, RunSet
-from metrosep.core.sections import Reading, is_calibrated, read_line
+from metrosep.core.sections import Reading, height_at, is_calibrated, read_line
 from metrosep.core.surface import Surface
 
 __all__ = [
@@ -143,6 +143,7 @@ def with_view(text: str, view: Mapping[str, Any]) -> str:
 # ---- what a picture of a line is asked for: its part, and its pixel columns --------------------
 
 _MOST_COLUMNS = 100_000
+_MOST_CURSORS = 8
 
 
 def checked_window(
@@ -191,6 +192,8 @@ class SectionView:
     n_samples: int  # samples that were read
     method: str  # ``"lanczos"``, ``"bilinear"`` or ``"nearest"``
     unit: str  # of distance and length: ``"m"``, or ``"px"`` for a map without lateral calibration
+    # by the part of the length that was asked for, m: height there, NaN in a gap
+    heights: Mapping[float, float]
 
 
 def section_view(
@@ -200,8 +203,9 @@ def section_view(
     *,
     columns: int = 1000,
     method: Reading = "lanczos",
+    cursors: Sequence[float] = (),
 ) -> SectionView:
-    """Return a section for the screen.
+    """Return a section for the screen, and its heights at parts of its length, whatever the columns.
 
     Examples
     --------
@@ -213,6 +217,7 @@ def section_view(
     wide: Any = columns
     if isinstance(wide, bool) or not isinstance(wide, int | np.integer) or wide < 1:
         raise DataError(f"columns must be a whole number from 1, got {said_value(columns)}")
+    parts = checked_cursors(cursors)
     distance, z, length, _ = read_line(surface, a, b, method)
     n = z.size
     wide = min(n, int(wide))
@@ -230,7 +235,24 @@ def section_view(
         n_samples=n,
         method=method,
         unit="m" if is_calibrated(surface) else "px",
+        heights={
+            t: height_at(
+                surface, [p + t * (q - p) for p, q in zip(a, b, strict=True)], method=method
+            )
+            for t in parts
+        },
     )
+
+
+def checked_cursors(cursors: Any) -> list[float]:
+    """Return parts of the length of a section, 0 at a and 1 at b."""
+    parts = list(cursors) if isinstance(cursors, list | tuple) else [math.nan]
+    plain = all(isinstance(t, int | float) and not isinstance(t, bool) for t in parts)
+    if not plain or not all(0.0 <= t <= 1.0 for t in parts) or len(parts) > _MOST_CURSORS:
+        raise DataError(
+            f"cursors are up to {_MOST_CURSORS} parts of the length from 0 to 1, got {cursors!r}"
+        )
+    return [float(t) for t in parts]
 
 
 def _frozen(array: FloatArray) -> FloatArray:

@@ -136,6 +136,7 @@ def _print_description(name: str, found: dict[str, Any]) -> None:
         from metrosep.io.text.matrices import shown_columns
 
         click.echo(f"  columns   {shown_columns(tuple(_column_text(c) for c in columns))}")
+        click.echo(f"  no object {as_options(found['reason'], _names_of(info))}")
     for warning in found["metadata"].get("warnings") or ():
         click.echo(f"  warning   {as_options(warning, _names_of(info))}")
     click.echo(f"  sha256    {found['sha256']}")

@@ -24,6 +24,7 @@ GEOMETRY: Mapping[str, tuple[str, ...]] = {
     "step_height": ("d", "h"),
     "surface_profile": ("t",),
     "line_profile": ("t",),
+    "roundness": ("RONt", "RONp", "RONv", "RONq"),
     "cylindricity": ("CYLt",),
     "run_out": ("CRO", "TRO"),
     "coaxiality": ("COX",),
@@ -105,8 +106,8 @@ def geometry(
     """Judge form, orientation, location or run-out of FILE: ISO 1101, 12180, 5436-1.
 
     step_height takes a profile or a map across a groove, surface_profile a map, line_profile a
-    profile; the others take points (columns x, y, z) or traces of a roundness instrument (angle,
-    radius, height). The exit code is 0 accepted or no limit, 1 rejected, 3 inconclusive.
+    profile, roundness traces (angle, radius); the others take points (columns x, y, z) or traces of
+    a roundness instrument (angle, radius, height). The exit code is 0 accepted or no limit, 1 rejected, 3 inconclusive.
     """
     from metrosep.cli.errors import verdict_code
     from metrosep.cli.jobs import print_named, progress

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -156,7 +156,8 @@ def calibrate(
         say(f"wrote {file}")
     if out is not None:
         own = preset_words(options)
-        where = _where_it_was_read(chain_of(machine, options), out)
+        sets = result.produced.found.sets.values()
+        where = _where_it_was_read(chain_of(machine, options), out, [s.q for s in sets])
         if where:
             say_next("machine-tables", machine, out, *own, *where, "-o", "tables")
         else:
@@ -171,7 +172,7 @@ _STEPS = 10
 """Of the first table that is proposed, along its travel."""
 
 
-def _where_it_was_read(chain: Chain, out: str) -> list[str]:
+def _where_it_was_read(chain: Chain, out: str, poses: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return the options of tables over axes along which the errors change, those that were read first.
 
     The axes that turn and have errors come first, then the linear ones; empty where no table holds anything.
@@ -190,7 +191,7 @@ def _where_it_was_read(chain: Chain, out: str) -> list[str]:
         )
 
     def span(axis: str) -> tuple[float, float]:
-        return known.get(axis, (0.0, 2.0 * math.pi if kinds[axis] == "angle" else 0.4))
+        return known.get(axis) or _range_read(axis, kinds[axis], poses)
 
     moving = [e for e in chain.elements if e.kind != "fixed" and not e.parked]
     names = [e.name for e in sorted(moving, key=lambda e: (e.kind == "rotary", e.name))]
@@ -213,6 +214,19 @@ def _where_it_was_read(chain: Chain, out: str) -> list[str]:
     for axis, value in at.items():
         words += ["--at", f"{axis}={typed(value, axis)}"]
     return words
+
+
+def _range_read(axis: str, kind: str, poses: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
+    """Return the range in which an axis stood, a whole turn where its places go round."""
+    import numpy as np
+
+    listed = [np.ravel(np.asarray(q[axis])) for q in poses if axis in q]
+    at = np.unique(np.round(np.concatenate(listed), 9)) if listed else np.zeros(1)
+    span = float(np.ptp(at))
+    turn = 2.0 * math.pi
+    if kind == "angle" and (at.size < 2 or span * at.size / (at.size - 1) > turn - 1e-6):
+        return 0.0, turn
+    return (float(at[0]), float(at[-1])) if span else (0.0, 0.4)
 
 
 _PLACES = 5

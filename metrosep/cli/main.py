@@ -133,10 +133,10 @@ class _Commands(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command that is called; of a name that is none, say which one is near."""
-        import difflib
+        from metrosep.core.readable import did_you_mean
 
         typed, args = args[0], _other_door(args)
-        near = difflib.get_close_matches(args[0], list(_HOMES), n=1)
+        near = did_you_mean(args[0], _HOMES)
         if args[0] in _HOMES or not near or args[0].startswith("-"):
             name, command, rest = super().resolve_command(ctx, args)
             if command is not None and not ctx.resilient_parsing:
@@ -145,7 +145,7 @@ class _Commands(click.Group):
                 )
                 _refuse_repeated(command, inner, rest)
             return typed if ctx.resilient_parsing else name, command, rest
-        return ctx.fail(f"No such command {args[0]!r}. Did you mean {near[0]!r}?")
+        return ctx.fail(f"No such command {args[0]!r}.{near}")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands in groups, each with the first sentence of its docstring, and examples."""

@@ -36,10 +36,10 @@ from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotConvergedError, SignCheckFailedError, TableError
 from metrosep.core.provenance import Step, freeze_mapping
-from metrosep.core.units import format_length
+from metrosep.core.units import format_engineering, format_length
 from metrosep.machine.chains import Chain
-from metrosep.machine.elements import require_travel
-from metrosep.machine.error_sets import ErrorSet
+from metrosep.machine.elements import require_travel, term_unit
+from metrosep.machine.error_sets import ErrorSet, as_error_set
 
 __all__ = ["MachineTables", "MachineVolume", "tables_from_machine", "volume_from_machine"]
 
@@ -340,7 +340,8 @@ def tables_over(
     q = at_nodes(axes, grid, source.at)
     tables = _tables(source, axes, grid, zero, c, offset, q)
     left = _left_over(rest, source.correctable(q), tuple(c))
-    messages = (*source.messages, *left, *_zero_moves(tables))
+    same = _same_everywhere(chain, errors, axes, grid, at=source.at, corrects=corrects, tool=tool)
+    messages = (*source.messages, *left, *_zero_moves(tables), *same)
     for array in (before, rest):
         array.setflags(write=False)
     return MachineTables(
@@ -577,6 +578,42 @@ def _zero_moves(tables: Mapping[str, Table]) -> Iterator[str]:
             yield (
                 f"at the reference {where}, which is not a node, {axis} is corrected by "
                 f"{format_length(there, digits=3)}, not zero: make the reference a node"
+            )
+
+
+def _same_everywhere(
+    chain: Chain,
+    errors: Any,
+    axes: tuple[str, ...],
+    grid: tuple[FloatArray, ...],
+    *,
+    at: Mapping[str, float],
+    **how: Any,
+) -> Iterator[str]:
+    """Return by axis of rotation which of its location errors no node of the tables shows."""
+    if not isinstance(errors, ErrorSet | Mapping):
+        return
+    given = as_error_set(errors).terms
+    q = at_nodes(axes, grid, at)
+    for element in chain.elements:
+        if element.name not in axes or element.kind != "rotary":
+            continue
+        listed = []
+        for term in element.location_errors:
+            value = float(getattr(given.get(term), "value", 0.0))
+            if not abs(value) > ZERO:
+                continue
+            alone = volumetric_source(
+                chain, {term: value}, axes=axes, grid=grid, at=at, exact=False, **how
+            ).in_axes(q)
+            if max(float(np.ptp(e)) for e in alone.values()) < ZERO:
+                listed.append(f"{term} = {format_engineering(value, term_unit(chain, term))}")
+        if listed:
+            name = element.name
+            yield (
+                f"{', '.join(listed)}: of the same effect at every node, so the tables hold none of it; where the control "
+                f"turns the zero of the part with {name}, correct the place and direction of the axis {name} in its "
+                f"kinematics by that, else take the zero of each part at the {name} at which it is cut"
             )
 
 

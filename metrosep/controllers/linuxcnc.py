@@ -373,6 +373,12 @@ class Chain:
     source: int  # joints that are looked up and corrected
     target: int
     thread: str  # servo thread
+    prefix: str  # of the names in HAL: "comp" in files of old, of which two cannot be loaded
+
+    @staticmethod
+    def prefix_of(source: int, target: int) -> str:
+        """Return what the names of a file begin with, so that it can stand beside others."""
+        return f"comp-{source:x}-{target:x}"  # a line of HAL holds 1023 characters
 
     def knots(self) -> list[tuple[Decimal, Decimal]]:
         """Return the points of the sum of the curves, mm."""
@@ -397,35 +403,36 @@ def cut(x: Sequence[int], y: Sequence[int]) -> tuple[Curve, ...]:
 
 def hal_lines(chain: Chain) -> list[str]:
     """Return the file without its comments: values, order in the thread, wiring."""
-    n = len(chain.curves)
-    curves = [f"comp-{i}" for i in range(n)]
-    sums = [f"comp-sum-{i}" for i in range(1, n)]
+    n, p = len(chain.curves), chain.prefix
+    added = f"{p}-sum" if p == "comp" else f"{p}-s"
+    curves = [f"{p}-{i}" for i in range(n)]
+    sums = [f"{added}-{i}" for i in range(1, n)]
     sizes = ",".join(str(len(c)) for c in chain.curves)
-    order = ["comp-fb", "motion-command-handler", "motion-controller", *curves, *sums, "comp-cmd"]
+    order = [f"{p}-fb", "motion-command-handler", "motion-controller", *curves, *sums, f"{p}-cmd"]
     value = f"{sums[-1]}.out" if sums else f"{curves[0]}.out"
     lines = [
         f"loadrt lincurve names={','.join(curves)} personality={sizes}",
-        f"loadrt sum2 names={','.join([*sums, 'comp-cmd', 'comp-fb'])}",
-        "setp comp-fb.gain1 -1",
+        f"loadrt sum2 names={','.join([*sums, f'{p}-cmd', f'{p}-fb'])}",
+        f"setp {p}-fb.gain1 -1",
     ]
     for name, curve in zip(curves, chain.curves, strict=True):
         for i, (x, y) in enumerate(curve):
             lines.append(f"setp {name}.x-val-{i:02d} {_printed(x)}")
             lines.append(f"setp {name}.y-val-{i:02d} {_printed(y)}")
     lines += [f"addf {name} {chain.thread}" for name in order]
-    lines.append(f"net comp-position joint.{chain.source}.pos-cmd")
-    lines += [f"net comp-position {name}.in" for name in curves]
+    lines.append(f"net {p}-position joint.{chain.source}.pos-cmd")
+    lines += [f"net {p}-position {name}.in" for name in curves]
     for i in range(1, n):
-        before = f"{curves[0]}.out" if i == 1 else f"comp-sum-{i - 1}.out"
-        lines.append(f"net comp-below-{i} {before} comp-sum-{i}.in0")
-        lines.append(f"net comp-piece-{i} comp-{i}.out comp-sum-{i}.in1")
+        before = f"{curves[0]}.out" if i == 1 else f"{added}-{i - 1}.out"
+        lines.append(f"net {p}-below-{i} {before} {added}-{i}.in0")
+        lines.append(f"net {p}-piece-{i} {p}-{i}.out {added}-{i}.in1")
     return [
         *lines,
-        f"net comp-value {value} comp-cmd.in1 comp-fb.in1",
-        f"net comp-motor joint.{chain.target}.motor-pos-cmd comp-cmd.in0",
-        "net comp-drive comp-cmd.out",
-        "net comp-encoder comp-fb.in0",
-        f"net comp-feedback comp-fb.out joint.{chain.target}.motor-pos-fb",
+        f"net {p}-value {value} {p}-cmd.in1 {p}-fb.in1",
+        f"net {p}-motor joint.{chain.target}.motor-pos-cmd {p}-cmd.in0",
+        f"net {p}-drive {p}-cmd.out",
+        f"net {p}-encoder {p}-fb.in0",
+        f"net {p}-feedback {p}-fb.out joint.{chain.target}.motor-pos-fb",
     ]
 
 
@@ -436,12 +443,15 @@ def _printed(value: Decimal) -> str:
 def parsed(data: bytes, path: Path) -> Chain:
     """Return what the file says; the wiring must be, word for word, that of `hal_lines`."""
     rows = _rows(data, path)
-    chain = Chain(
-        _curves(rows, path),
-        int(_found(rows, r"net comp-position joint\.(\d{1,2})\.pos-cmd", path)),
-        int(_found(rows, r"net comp-motor joint\.(\d{1,2})\.motor-pos-cmd comp-cmd\.in0", path)),
-        _found(rows, rf"addf comp-fb ({THREAD.pattern})", path),
-    )
+    name = r"comp(?:-[\da-f]-[\da-f])?"
+    source = int(_found(rows, rf"net {name}-position joint\.(\d{{1,2}})\.pos-cmd", path))
+    motor = rf"net {name}-motor joint\.(\d{{1,2}})\.motor-pos-cmd {name}-cmd\.in0"
+    target = int(_found(rows, motor, path))
+    prefix = _found(rows, rf"loadrt lincurve names=({name})-0(?:,\S+)? personality=\S+", path)
+    if prefix != "comp":
+        prefix = Chain.prefix_of(source, target)
+    thread = _found(rows, rf"addf {name}-fb ({THREAD.pattern})", path)
+    chain = Chain(_curves(rows, prefix, path), source, target, thread, prefix)
     wanted = hal_lines(chain)
     for (number, text), line in zip(rows, wanted, strict=False):
         if _plain(text) != _plain(line):
@@ -497,7 +507,7 @@ def _found(rows: Sequence[tuple[int, str]], pattern: str, path: Path) -> str:
     raise damaged(path, "a line of the wiring is missing", expected=pattern.replace("\\", ""))
 
 
-def _curves(rows: Sequence[tuple[int, str]], path: Path) -> tuple[Curve, ...]:
+def _curves(rows: Sequence[tuple[int, str]], prefix: str, path: Path) -> tuple[Curve, ...]:
     """Return the points of the curves in their order, checked to be a chain."""
     sizes = _found(rows, r"loadrt lincurve names=\S+ personality=(\d{1,2}(?:,\d{1,2})*)", path)
     counts = [int(s) for s in sizes.split(",")]
@@ -525,27 +535,28 @@ def _curves(rows: Sequence[tuple[int, str]], path: Path) -> tuple[Curve, ...]:
 
     curves = tuple(
         tuple(
-            (value(f"comp-{k}.x-val-{i:02d}"), value(f"comp-{k}.y-val-{i:02d}"))
+            (value(f"{prefix}-{k}.x-val-{i:02d}"), value(f"{prefix}-{k}.y-val-{i:02d}"))
             for i in range(count)
         )
         for k, count in enumerate(counts)
     )
-    _check_chain(curves, values, path)
+    _check_chain(curves, values, prefix, path)
     return curves
 
 
 def _check_chain(
-    curves: Sequence[Curve], values: dict[str, tuple[int, Decimal]], path: Path
+    curves: Sequence[Curve], values: dict[str, tuple[int, Decimal]], prefix: str, path: Path
 ) -> None:
     for k, curve in enumerate(curves):
         for i in range(1, len(curve)):
             if curve[i][0] <= curve[i - 1][0]:
-                line = values[f"comp-{k}.x-val-{i:02d}"][0]
+                line = values[f"{prefix}-{k}.x-val-{i:02d}"][0]
                 raise damaged(path, f"line {line}: the position does not rise")
         if k and (curve[0][0] != curves[k - 1][-1][0] or curve[0][1] != 0):
-            line = values[f"comp-{k}.x-val-00"][0]
+            line = values[f"{prefix}-{k}.x-val-00"][0]
             raise damaged(
-                path, f"line {line}: curve comp-{k} does not start at zero where comp-{k - 1} ends"
+                path,
+                f"line {line}: curve {prefix}-{k} does not start at zero where {prefix}-{k - 1} ends",
             )
 
 
@@ -577,10 +588,11 @@ class LinuxCNCLincurve(Dialect):
             "take out the nets of the corrected joint's motor-pos-cmd and motor-pos-fb",
             "put HALFILE = <name of the file> into [HAL], after the file that loads motmod and encoders",
             "add the functions that write the drives to the thread after this file",
-            "connect signal comp-drive to the drive and comp-encoder to the encoder of that joint",
-            "HAL loads lincurve and sum2 once: if you use them elsewhere, put all names into one line",
+            "connect signal comp-S-T-drive to the drive and comp-S-T-encoder to the encoder of joint T (S: looked up)",
+            "HAL loads lincurve and sum2 once: if you use them elsewhere too, or have two such files, set TWOPASS = ON",
+            "of two such files motion-command-handler and motion-controller are added once, behind both comp-S-T-fb",
             "the TYPE of a joint that turns must be ANGULAR: its numbers are degrees",
-            "restart LinuxCNC, move the looked-up axis, read pin comp-cmd.in1: the correction in mm",
+            "restart LinuxCNC, move the looked-up axis, read pin comp-S-T-cmd.in1: the correction in mm",
         ),
         sign="confirmed",
         directions="one",
@@ -614,7 +626,10 @@ class LinuxCNCLincurve(Dialect):
         y = [round(v / unit_c * UNIT) for v in table.forward.tolist()]
         if any(b <= a for a, b in itertools.pairwise(x)):
             raise TableError(f"positions closer than 1e-{_DECIMALS} {name} cannot be written")
-        chain = Chain(cut(x, y), source_joint, target_joint, thread)
+        chain = Chain(
+            cut(x, y), source_joint, target_joint, thread,
+            Chain.prefix_of(source_joint, target_joint),
+        )  # fmt: skip
         carried = [float(v) * unit_c for _, v in chain.knots()]
         lines = [
             _comment(table, source_joint, target_joint),
@@ -626,7 +641,10 @@ class LinuxCNCLincurve(Dialect):
             quantisation=float(np.abs(np.array(carried) - table.forward).max()),
             notes={
                 "hal_file": "[HAL] HALFILE = <this file>, in place of the addf lines of motmod",
-                "signals": {"comp-drive": "to the drive", "comp-encoder": "from the encoder"},
+                "signals": {
+                    f"{chain.prefix}-drive": "to the drive",
+                    f"{chain.prefix}-encoder": "from the encoder",
+                },
             },
         )
 

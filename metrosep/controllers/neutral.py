@@ -56,7 +56,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", re.ASCII)
 
 
 def _rows(
-    data: bytes, path: Path, what: str, columns: str, fewest: tuple[int, str]
+    data: bytes, path: Path, what: str, columns: str, fewest: tuple[int, str], expected: str = ""
 ) -> tuple[list[str], list[int], FloatArray]:
     """Return header, numbers of lines and values in SI of a CSV, by the units in its column names."""
     try:
@@ -72,7 +72,7 @@ def _rows(
             path,
             f"not a neutral {what}",
             field="header",
-            expected=re.sub(r"\((\w*)[^)]*\)|[\\?]", r"\1", columns),
+            expected=expected or re.sub(r"\((\w*)[^)]*\)|[\\?]", r"\1", columns),
             found=",".join(header)[:80],
         )
     require_last_end(data.decode("utf-8-sig"), path)
@@ -170,12 +170,14 @@ def _shifted(value: float, places: int) -> str:
 
 
 # ---- neutral map: CSV in long form with declared units, and the JSON sidecar -------------------
-# Columns ``x_mm,y_mm,correction_um``, one line a node, x fastest; an axis that turns has ``_rad``, a
-# corrected one that turns ``correction_urad``. The entry is the correction c = -e that is added to the command. Decimals are full: the very numbers of
+# Columns ``x_mm,y_mm,correction_um`` after the two axes, one line a node, the first fastest; an axis that turns
+# has ``_rad`` (``a_rad,c_rad``), a corrected one that turns ``correction_urad``. The entry is the correction c = -e that is added to the command. Decimals are full: the very numbers of
 # the map read back.
 
 _NAMES = {(False, False): ("X", "Y"), (True, False): ("C", "Y"), (False, True): ("X", "C")}
-"""Axes by whether they turn, where no sidecar names them."""
+"""Axes by whether they turn, where neither columns nor a sidecar name them: files of old say x and y of any axis."""
+_PLAIN = ("x", "y")
+_COLUMN = re.compile(r"[a-z][a-z0-9]*", re.ASCII)
 
 
 class NeutralMap(Dialect):
@@ -199,7 +201,11 @@ class NeutralMap(Dialect):
             for p, u in zip((table.x, table.y), units, strict=True)
         )
         corrected = "urad" if is_rotary(table.compensates) else "um"
-        lines = [f"x_{units[0]},y_{units[1]},correction_{corrected}"]
+        names = tuple(a.lower() for a in table.axes)
+        # exchanged x and y are read as a damaged file: such axes are in the sidecar alone
+        if names == _PLAIN[::-1] or not all(map(_COLUMN.fullmatch, names)):
+            names = _PLAIN
+        lines = [f"{names[0]}_{units[0]},{names[1]}_{units[1]},correction_{corrected}"]
         lines += [
             f"{x},{y},{scaled(c, _PLACES[corrected])}"
             for y, values in zip(rows, table.values, strict=True)
@@ -208,18 +214,36 @@ class NeutralMap(Dialect):
         return Encoded(joined(lines), 0.0)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        columns = "x_(mm|rad),y_(mm|rad),correction_(um|urad)"
-        header, lines, values = _rows(data, path, "map", columns, (4, "nodes"))
+        columns = (
+            r"(?!y_\w*,x_)[a-z][a-z0-9]*_(mm|rad),[a-z][a-z0-9]*_(mm|rad),correction_(um|urad)"
+        )
+        header, lines, values = _rows(
+            data, path, "map", columns, (4, "nodes"), "x_mm,y_mm,correction_um"
+        )
+        names = tuple(name.rpartition("_")[0] for name in header[:2])
         turns = (header[0].endswith("rad"), header[1].endswith("rad"))
         angle = header[2].endswith("urad")
         x, y = _grid(values, lines, path)
+        stated = (names[0].upper(), names[1].upper())
+        if names == _PLAIN:
+            stated = _NAMES.get(turns, ("B", "C"))
+        elif tuple(map(is_rotary, stated)) != turns:
+            raise damaged(
+                path, f"{header[0]},{header[1]}: an axis that turns is in rad, others are in mm"
+            )
         fields = map_identity(
             path,
-            axes=_NAMES.get(turns, ("B", "C")),
+            axes=stated,
             compensates="C" if angle else "Z",
             first=nearest_zero(x, y),
             turns=turns,
         )
+        known = tuple(a.lower() for a in fields["axes"])
+        if names not in (_PLAIN, known):
+            raise damaged(
+                path,
+                f"its columns are of {' and '.join(stated)}, its sidecar says {' and '.join(fields['axes'])}",
+            )
         if angle and not is_rotary(fields["compensates"]):
             raise damaged(
                 path,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import operator
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -19,7 +20,7 @@ from metrosep.core.errors import OptionError, OptionRangeError, UnitError
 from metrosep.core.units import parse_quantity
 
 __all__ = [
-    "between", "choice", "count", "flag", "is_real", "not_negative", "positive", "quantity", "real",
+    "between", "choice", "count", "flag", "is_real", "not_negative", "positive", "quantity", "real", "steps_of",
     "unit_of",
 ]  # fmt: skip
 
@@ -176,3 +177,20 @@ def _outside(
 def _in(dimension: str | None) -> str:
     """Return what a message says about the unit of an argument."""
     return "" if dimension is None else f" in {_UNITS[dimension]}, or a text with its unit"
+
+
+_NEXT_STEP = re.compile(r"(?<=[a-zA-Z\u00b5\u03bc])\s*[,;]\s*|\s+x\s+|\s*\u00d7\s*")
+"""Between two steps: "2 um, 3 um", "2 um x 3 um"; a decimal comma stands behind a digit."""
+
+
+def steps_of(value: Any) -> list[Any]:
+    """Return one lateral step, or dx and dy, as they were typed.
+
+    Examples
+    --------
+    >>> steps_of("2 um x 3 um"), steps_of("3 um"), steps_of((1e-6, "2 um"))
+    (['2 um', '3 um'], ['3 um'], [1e-06, '2 um'])
+    """
+    if isinstance(value, str):
+        return _NEXT_STEP.split(value.strip())
+    return list(value) if isinstance(value, list | tuple) else [value]

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 from metrosep.core.errors import InvalidSamplesError, OptionError, UnitError
 from metrosep.core.limits import FROM_FIT, Limit, parse_limit
+from metrosep.core.numbers import steps_of
 from metrosep.core.readable import did_you_mean, said_value
 from metrosep.core.units import TYPICAL, parse_quantity, unit_dimension
 
@@ -320,6 +321,15 @@ def _parts(value: Any) -> Any:
     return [part.strip() for part in value.split(",")] if is_both else value
 
 
+def _steps(value: Any, name: str, bare: bool) -> Any:
+    """Return one lateral step, or dx and dy."""
+    items, size = steps_of(value), _quantity("length", "positive")
+    if len(items) > 2:
+        raise OptionError('one step or two are needed here, "3 um" or "2 um, 3 um" (dx, dy)')
+    found = tuple(size(item, name, bare) for item in items)
+    return found if len(found) == 2 else found[0]
+
+
 def _point(value: Any, name: str, bare: bool) -> tuple[float, float]:
     """Return x and y of a point."""
     pair, length = _items(_parts(value), bare), _quantity("length")
@@ -412,6 +422,10 @@ KINDS: Mapping[str, Kind] = {
     "size": Kind(
         'a length above zero with its unit, "25 mm"',
         _quantity("length", "positive"), "length", "25 mm",
+    ),
+    "steps": Kind(
+        'a length above zero with its unit, "3 um", or two, "2 um, 3 um" (dx, dy)',
+        _steps, "length", "3 um",
     ),
     "uncertainty": Kind(
         'a length from zero with its unit, "2 nm"',

@@ -73,11 +73,13 @@ def section_profile(
     Notes
     -----
     On a slanting line ``"lanczos"`` (a plane with twist through the 64 pixels, and what it leaves by
-    a windowed sinc) keeps the RMS of waves from 3 pixels on within 1 %. ``"bilinear"`` averages, and
-    keeps 84 % at 4.3 pixels, two thirds of noise: prefer it on steps, where the other overshoots by
-    a tenth of their height. ``"nearest"`` keeps the RMS, and repeats pixels. None
-    fills a gap. Along pixel centres each gives the pixels themselves. The history says which
-    share was read bilinearly.
+    a windowed sinc) keeps the RMS of waves from 3 pixels on within 1 %. It departs from the bilinear
+    height by no more than the pixels on either side of the cell depart from the straight line between
+    their neighbours, along x and y together: beside a step between straight faces that is nothing, so it
+    does not overshoot; only a ridge or groove of four pixels and less is taken for a wave.
+    ``"bilinear"`` averages, and keeps 84 % at 4.3 pixels, two thirds of noise. ``"nearest"`` keeps the
+    RMS, and repeats pixels. None fills a gap. Along pixel centres each gives the pixels themselves. The
+    history says which share was read bilinearly.
 
     A band of width w is the mean of n = 2 floor(w / 2s) + 1 parallel lines, s the smaller step. Where
     a line has a gap, its mirror image about the middle is omitted too, so that a plane stays a plane;
@@ -389,7 +391,9 @@ def _refined(z: FloatArray, row: FloatArray, column: FloatArray, heights: FloatA
         patch = z[i[k, None, None] + _REACH[:, None], j[k, None, None] + _REACH]
         whole = ~np.isnan(patch).any(axis=(1, 2))
         some, patch = k[whole], patch[whole]
-        heights[some] = _lanczos(patch, v[some], u[some])
+        better = _lanczos(patch, v[some], u[some]) - heights[some]
+        most = _bend(patch, v[some], u[some])
+        heights[some] += np.clip(better, -most, most)
         done += some.size
     n = int(np.count_nonzero(between))
     return (n - done) / n if n else 0.0
@@ -409,6 +413,23 @@ def _lanczos(patch: FloatArray, v: FloatArray, u: FloatArray) -> FloatArray:
     weighted = np.einsum("nij,ni,nj->n", patch, a, b)
     ya, xb = a @ t, b @ t
     return np.asarray(weighted + r * (y - ya) + c * (x - xb) + s * (y * x - ya * xb))
+
+
+def _bend(patch: FloatArray, v: FloatArray, u: FloatArray) -> FloatArray:
+    """Return how far a height may lie off the bilinear one: as far as the pixels of both sides bend.
+
+    A pixel bends by |z_k - (z_k-1 + z_k+1) / 2|; of the two pixels on each side of the cell the larger,
+    of the sides the smaller. No wave of three pixels and more is held back, at any phase; a step is,
+    as one side of it is straight.
+    """
+    middle = -_REACH[0]
+    total = np.zeros(v.size)
+    for along, beside, lines in ((u, v, patch), (v, u, patch.transpose(0, 2, 1))):
+        bent = np.abs(np.diff(lines[:, middle : middle + 2], 2, axis=2)) / 2.0
+        sides = np.minimum(bent[..., :2].max(axis=2), bent[..., -2:].max(axis=2))
+        held = np.where(beside > 0.0, sides.max(axis=1), sides[:, 0])
+        total += np.where(along > 0.0, held, 0.0)
+    return total
 
 
 def _sinc4(place: FloatArray, t: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
@@ -46,22 +47,22 @@ _OPERATORS: dict[type[ast.operator], str] = {
 }
 
 _FUNCTIONS: dict[str, tuple[Callable[..., Any], Callable[..., Any]]] = {
-    "sin": (np.sin, np.cos),
-    "cos": (np.cos, lambda a: -np.sin(a)),
-    "tan": (np.tan, lambda a: 1.0 / np.cos(a) ** 2),
-    "arcsin": (np.arcsin, lambda a: 1.0 / np.sqrt(1.0 - a * a)),
-    "arccos": (np.arccos, lambda a: -1.0 / np.sqrt(1.0 - a * a)),
-    "arctan": (np.arctan, lambda a: 1.0 / (1.0 + a * a)),
-    "sinh": (np.sinh, np.cosh),
-    "cosh": (np.cosh, np.sinh),
-    "tanh": (np.tanh, lambda a: 1.0 / np.cosh(a) ** 2),
-    "exp": (np.exp, np.exp),
-    "log": (np.log, lambda a: 1.0 / a),
-    "log10": (np.log10, lambda a: 1.0 / (a * math.log(10.0))),
-    "sqrt": (np.sqrt, lambda a: 0.5 / np.sqrt(a)),
-    "abs": (np.abs, np.sign),
+    "sin": (np.sin, lambda a, _: np.cos(a)),
+    "cos": (np.cos, lambda a, _: -np.sin(a)),
+    "tan": (np.tan, lambda a, _: 1.0 / np.cos(a) ** 2),
+    "arcsin": (np.arcsin, lambda a, _: 1.0 / np.sqrt(1.0 - a * a)),
+    "arccos": (np.arccos, lambda a, _: -1.0 / np.sqrt(1.0 - a * a)),
+    "arctan": (np.arctan, lambda a, _: 1.0 / (1.0 + a * a)),
+    "sinh": (np.sinh, lambda a, _: np.cosh(a)),
+    "cosh": (np.cosh, lambda a, _: np.sinh(a)),
+    "tanh": (np.tanh, lambda a, _: 1.0 / np.cosh(a) ** 2),
+    "exp": (np.exp, lambda _, value: value),
+    "log": (np.log, lambda a, _: 1.0 / a),
+    "log10": (np.log10, lambda a, _: 1.0 / (a * math.log(10.0))),
+    "sqrt": (np.sqrt, lambda _, value: 0.5 / value),
+    "abs": (np.abs, lambda a, _: np.sign(a)),
 }
-"""Name, function, derivative."""
+"""Name, function, and derivative by argument and value."""
 
 _ALIASES = {"asin": "arcsin", "acos": "arccos", "atan": "arctan", "ln": "log"}
 
@@ -172,34 +173,40 @@ def evaluate(tree: Tree, names: Mapping[str, Dual]) -> Dual:
         return -a, {n: -d for n, d in da.items()}
     if kind in _FUNCTIONS:
         function, derivative = _FUNCTIONS[kind]
-        rate = derivative(a) if da else 0.0
-        return function(a), {n: rate * d for n, d in da.items()}
+        value = function(a)
+        return value, _times(derivative(a, value), da) if da else {}
     b, db = evaluate(tree[2], names)
     if kind in ("+", "-"):
         sign = 1.0 if kind == "+" else -1.0
         return a + sign * b, _sum(da, {n: sign * d for n, d in db.items()})
     if kind == "*":
-        return a * b, _sum({n: b * d for n, d in da.items()}, {n: a * d for n, d in db.items()})
+        return a * b, _sum(_times(b, da), _times(a, db))
     if kind == "/":
         value = a / b
-        return value, _sum(
-            {n: d / b for n, d in da.items()}, {n: -value / b * d for n, d in db.items()}
-        )
+        return value, _sum({n: d / b for n, d in da.items()}, _times(-value / b, db) if db else {})
     return _power(a, da, b, db)
 
 
 def _power(a: Value, da: dict[str, Value], b: Value, db: dict[str, Value]) -> Dual:
-    value = np.power(a, b)
+    is_square = np.ndim(b) == 0 and b == 2.0  # the usual one, and a product costs little
+    value = a * a if is_square else np.power(a, b)
     found: dict[str, Value] = {}
-    if da:
+    if da and is_square:
+        found = _times(2.0 * a, da)
+    elif da:
         # b a^(b-1), and 0 for b = 0 also where a = 0
         rate = np.where(np.equal(b, 0.0), 0.0, b * np.power(a, np.where(b == 0.0, 1.0, b - 1.0)))
-        found = {n: rate * d for n, d in da.items()}
+        found = _times(rate, da)
     if db:
         # a^b log a, whose limit at a = 0 is 0 for b > 0
         rate = np.where((np.equal(a, 0.0)) & (np.greater(b, 0.0)), 0.0, value * np.log(a))
-        found = _sum(found, {n: rate * d for n, d in db.items()})
+        found = _sum(found, _times(rate, db))
     return value, found
+
+
+def _times(rate: Value, slopes: Mapping[str, Value]) -> dict[str, Value]:
+    """Return derivatives times a rate; that of a coordinate by itself is the number 1."""
+    return {n: rate if isinstance(d, float) and d == 1.0 else rate * d for n, d in slopes.items()}
 
 
 def _sum(a: dict[str, Value], b: dict[str, Value]) -> dict[str, Value]:
@@ -318,11 +325,12 @@ class Expression(Shape):
         names["x"] = (x, {"x": 1.0} if "x" in by else {})
         names["y"] = (y, {"y": 1.0} if "y" in by else {})
         if used & {"r", "theta"}:
-            names |= _polar(x, y, with_slopes="x" in by)
+            names |= _polar(x, y, with_slopes="x" in by, with_angle="theta" in used)
         with np.errstate(all="ignore"):
             value, slopes = evaluate(self.tree, names)
-            found = {n: _finite(slopes.get(n, 0.0), x, value) for n in by}
-            return _finite(value, x, value), found
+            known = np.isfinite(value) & np.isfinite(x)
+            found = {n: _finite(slopes.get(n, 0.0), known) for n in by}
+            return _finite(value, known), found
 
     def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         return self._evaluate(x, y, ())[0]
@@ -335,18 +343,32 @@ class Expression(Shape):
         found = self._evaluate(x, y, tuple(names))[1]
         return [found[n] for n in names]
 
+    def expansion(
+        self, x: FloatArray, y: FloatArray, names: Sequence[str], *, slopes: bool
+    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None, list[FloatArray]]:
+        if names:  # those of the rigid motion are taken from the slopes
+            return super().expansion(x, y, names, slopes=slopes)
+        height, found = self._evaluate(x, y, ("x", "y") if slopes else ())
+        return height, (found["x"], found["y"]) if slopes else None, []
 
-def _polar(x: FloatArray, y: FloatArray, *, with_slopes: bool) -> dict[str, Dual]:
-    r, theta = np.hypot(x, y), np.arctan2(y, x)
-    if not with_slopes:
-        return {"r": (r, {}), "theta": (theta, {})}
-    safe = np.where(r == 0.0, 1.0, r)
-    c, s = x / safe, y / safe
-    return {"r": (r, {"x": c, "y": s}), "theta": (theta, {"x": -s / safe, "y": c / safe})}
+
+def _polar(
+    x: FloatArray, y: FloatArray, *, with_slopes: bool, with_angle: bool
+) -> dict[str, Dual]:
+    r = np.hypot(x, y)
+    of_r: dict[str, Value] = {}
+    of_theta: dict[str, Value] = {}
+    if with_slopes:
+        safe = np.where(r == 0.0, 1.0, r)
+        c, s = x / safe, y / safe
+        of_r = {"x": c, "y": s}
+        of_theta = {"x": -s / safe, "y": c / safe} if with_angle else {}
+    found: dict[str, Dual] = {"r": (r, of_r)}
+    return found | {"theta": (np.arctan2(y, x), of_theta)} if with_angle else found
 
 
-def _finite(value: Value, x: FloatArray, height: Value) -> FloatArray:
-    """Return a full array, NaN where the value or the height is not finite."""
-    full = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), x.shape))
-    full[~(np.isfinite(full) & np.isfinite(height) & np.isfinite(x))] = np.nan
+def _finite(value: Value, known: NDArray[np.bool_]) -> FloatArray:
+    """Return a full array, NaN where the value is not finite or nothing is known."""
+    full = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), known.shape))
+    full[~(np.isfinite(full) & known)] = np.nan
     return full

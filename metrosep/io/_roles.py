@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal
 from typing import Any, Final, TypeAlias
@@ -347,34 +347,8 @@ def to_si(
             f"{file.path}: {role} column {column.name!r} holds text ({first!r}), not numbers; name "
             "another column"
         )
-    odd = likely_meaning(column.name) if unit is None else None
-    if odd is not None:
-        raise UnitError(
-            f"{file.path}: the unit of column {column.name!r} ({role}) is not known: {odd}; correct the "
-            f"header, or give {role}=({column.name!r}, {_usual(dimension)!r})"
-        )
-    if unit is None and (odd := encoding_hint([column.name])):
-        raise UnitError(
-            f"{file.path}: the unit of column {column.name!r} ({role}) is not known: {odd}"
-        )
-    if unit is None and holds_counts(column.name):
-        raise UnitError(
-            f"{file.path}: column {column.name!r} ({role}) holds counts, which are not a {dimension}; multiply them by "
-            f"what one count is, and write the column in {_usual(dimension)}"
-        )
-    bracketed = re.search(r"[\[(<]\s*([^\])>]+?)\s*[\])>]\s*$", column.name)
-    if unit is None and bracketed:
-        raise UnitError(
-            f"{file.path}: column {column.name!r} ({role}) has {bracketed[1]!r} for its unit, which is not known "
-            f"as one of a {dimension}; correct the header, or give {role}=({column.name!r}, 'UNIT')"
-        )
     if unit is None:
-        raise UnitError(
-            f"{file.path}: column {column.name!r} ({role}) declares no unit; rename it like "
-            f"'{column.name}_{_usual(dimension)}', or give {role}=({column.name!r}, "
-            f"{_usual(dimension)!r}) or unit="
-            + (", with ms, us or ns for s if it counts these" if dimension == "time" else "")
-        )
+        raise no_unit(file, {role: column.name}, dimension)
     if scale is not None:
         if unit.dimension != "voltage":
             raise UnitError(
@@ -393,6 +367,43 @@ def to_si(
             f"{'an' if dimension[:1] in 'aeiou' else 'a'} {dimension} is needed; name another column"
         )
     return np.asarray(column.values * unit.factor)
+
+
+def no_unit(file: RawFile, columns: Mapping[str, str], dimension: str) -> UnitError:
+    """Return the error about columns, by their role, of which nobody has declared a unit: all of them at once."""
+    usual = _usual(dimension)
+    for role, name in columns.items():
+        where = f"{file.path}: the unit of column {name!r} ({role}) is not known"
+        bracketed = re.search(r"[\[(<]\s*([^\])>]+?)\s*[\])>]\s*$", name)
+        if (odd := likely_meaning(name)) is not None:
+            return UnitError(
+                f"{where}: {odd}; correct the header, or give {role}=({name!r}, {usual!r})"
+            )
+        if odd := encoding_hint([name]):
+            return UnitError(f"{where}: {odd}")
+        if holds_counts(name):
+            return UnitError(
+                f"{file.path}: column {name!r} ({role}) holds counts, which are not a {dimension}; multiply them by "
+                f"what one count is, and write the column in {usual}"
+            )
+        if bracketed:
+            return UnitError(
+                f"{file.path}: column {name!r} ({role}) has {bracketed[1]!r} for its unit, which is not known "
+                f"as one of a {dimension}; correct the header, or give {role}=({name!r}, 'UNIT')"
+            )
+    each = " and ".join(f"{role}=({name!r}, {usual!r})" for role, name in columns.items())
+    if len(columns) == 1:
+        ((role, name),) = columns.items()
+        scales = ", with ms, us or ns for s if it counts these" if dimension == "time" else ""
+        return UnitError(
+            f"{file.path}: column {name!r} ({role}) declares no unit; rename it like '{name}_{usual}', or give "
+            f"{each} or unit={scales}"
+        )
+    named = " and ".join(f"{name!r} ({role})" for role, name in columns.items())
+    return UnitError(
+        f"{file.path}: columns {named} declare no unit; give unit={usual!r} if all are in it, or one for each: "
+        f"{each}"
+    )
 
 
 def since_first_row(

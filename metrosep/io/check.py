@@ -332,11 +332,11 @@ def describe(
             if isinstance(own, RunSet):
                 return _of_runs(file, own)
         obj = read_one(file.path, format=description.id, **options)
-    except FormatMismatchError:
-        if not description.is_table or any(k in options for k in ("x", "y", "z", "time")):
+    except FormatMismatchError as exc:
+        if not description.is_table or options.keys() - TEXT_OPTIONS.keys():
             raise
-        table = read_table(file, **{k: v for k, v in options.items() if k in TEXT_OPTIONS})
-        return _of_table(file, table, description.id)
+        reason = str(exc).removeprefix(f"{file.path}: ")
+        return _of_table(file, read_table(file, **options), description.id, reason)
     facts: dict[str, Any] = {}
     if isinstance(obj, Recording):
         samples = list(obj.channels.values())
@@ -402,7 +402,7 @@ def _of_runs(file: RawFile, runs: RunSet) -> dict[str, Any]:
     )
 
 
-def _of_table(file: RawFile, table: Table, format_id: str) -> dict[str, Any]:
+def _of_table(file: RawFile, table: Table, format_id: str, reason: str) -> dict[str, Any]:
     columns = [
         {
             "name": c.name,
@@ -420,7 +420,7 @@ def _of_table(file: RawFile, table: Table, format_id: str) -> dict[str, Any]:
     }
     numbers = [c.values for c in table.columns if c.values is not None]
     shape = [len(table), len(table.columns)]
-    return _listed(file, format_id, "table", shape, numbers, metadata)
+    return _listed(file, format_id, "table", shape, numbers, metadata, reason=reason)
 
 
 def _plain(value: Any) -> Any:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import itertools
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -380,12 +381,27 @@ def find(file: RawFile) -> Format:
             f"{file.path}: holds {len(lines)} line(s) of text and no row of numbers (it starts with "
             f"{preview(file.head)}); export the measurement again"
         )
-    known = ", ".join(f.id for f in formats() if f.is_measurement)
-    raise UnknownFormatError(
-        f"{file.path}: no reader knows this content (it starts with {preview(file.head)}); known are "
-        f"{known}. If it is a table of numbers, remove the text before it or pass skip_rows=; "
-        "otherwise export it as CSV"
+    above = 0 if b"\0" in file.head else _lines_above_rows(file.head)
+    advice = (
+        f"if the rows from line {above + 1} on are a table, give skip_rows={above}, else "
+        if above
+        else ""
     )
+    raise UnknownFormatError(
+        f"{file.path}: no reader knows this content (it starts with {preview(file.head)}); {advice}export it as "
+        "CSV, or in one of the formats that metrosep formats lists"
+    )
+
+
+def _lines_above_rows(head: bytes) -> int:
+    """Return how many lines stand above the last few that hold nothing but numbers, 0 where there are none."""
+    lines = head.rstrip().splitlines()
+    n = len(list(itertools.takewhile(_ROW_OF_NUMBERS.fullmatch, reversed(lines))))
+    return len(lines) - n if n >= _FEWEST_ROWS else 0
+
+
+_FEWEST_ROWS = 3
+_ROW_OF_NUMBERS = re.compile(rb"(?=.*\d)[\s\d.,;|+\-eE\"]+")
 
 
 def principal(file: RawFile) -> RawFile:

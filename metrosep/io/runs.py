@@ -459,17 +459,17 @@ def _runs_of(
         where = f"{file.path}: run {run_id!r}"
         empty = np.flatnonzero(np.isnan(x[rows]))
         if empty.size:
-            every = _ranges(table.lines[rows[empty]])
+            every = file.without_lines(*table.lines[rows[empty]].tolist())
             raise InvalidSamplesError(
                 f"{where}: line {int(table.lines[rows[empty[0]]])} has no position ({empty.size} such "
                 "row(s)); a reading without a position cannot be placed: leave those rows out with "
-                f"skip_lines='{every}'"
+                f"{every}"
             )
         speed = speeds if isinstance(speeds, float) else _one_feed(speeds, x, rows, where)
         if np.isnan(z[rows]).all():
             raise InvalidSamplesError(
                 f"{where} holds no reading in column {z_column.name!r}; check the sensor, or leave the run out "
-                f"with skip_lines='{_ranges(table.lines[rows])}'"
+                f"with {file.without_lines(*table.lines[rows].tolist())}"
             )
         start, end = x[rows[0]], x[rows[-1]]
         if signs is not None and (end - start) * signs[rows[0]] < 0.0:
@@ -516,12 +516,6 @@ def _gaps(table: Table, request: _Request, feed: ColumnSpec | float | None) -> I
         for name, numbers in _counters(table, request, feed).items():
             if said := gap_in(name, numbers, table.lines):
                 yield f"{said}, and time follows from the feed and the mean step"
-
-
-def _ranges(lines: NDArray[np.int64]) -> str:
-    """Return lines as ``skip_lines`` takes them: 4,7-19."""
-    parts = np.split(lines, np.flatnonzero(np.diff(lines) != 1) + 1)
-    return ",".join(f"{p[0]}" if p.size == 1 else f"{p[0]}-{p[-1]}" for p in parts)
 
 
 def _shown(position: float, turns: bool) -> str:

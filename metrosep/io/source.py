@@ -32,8 +32,9 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 from metrosep.core.inside import carried
-from metrosep.core.numbers import positive
+from metrosep.core.numbers import positive, steps_of
 from metrosep.core.provenance import Step, hash_bytes
+from metrosep.core.text_options import TextOptions
 
 __all__ = [
     "HDF5_MAGIC",
@@ -116,6 +117,9 @@ class RawFile:
     table_format: str = "delimited"
     """Format of a file whose content is a table."""
 
+    asked = TextOptions()
+    """How the caller describes the text."""
+
     def __init__(self, path: Path, data: bytes | None = None, packed: Path | None = None) -> None:
         self.path = path
         self._given = data
@@ -161,6 +165,26 @@ class RawFile:
                 found=f"{n}",
                 hint="another program writes it anew: read it again when that is done",
             )
+
+    def without_lines(self, *lines: int) -> str:
+        """Return the option that leaves lines out too: ``skip_lines='4,7-19'`` with those that the caller gave."""
+        spans: list[tuple[int, int]] = []
+        given = ((r.start, r.stop - 1) for r in self.asked.skip_lines)
+        for first, last in sorted([*given, *((n, n) for n in lines)]):
+            if spans and first <= spans[-1][1] + 1:
+                spans[-1] = (spans[-1][0], max(spans[-1][1], last))
+            else:
+                spans.append((first, last))
+        listed = (f"{a}" if a == b else f"{a}-{b}" for a, b in spans)
+        return f"skip_lines='{','.join(listed)}'"
+
+    def also_missing(self, word: str) -> str:
+        """Return the option that takes a word for "not measured" beside those that the caller gave."""
+        given = (
+            repr(m).removesuffix(".0") if isinstance(m, float) else m
+            for m in self.asked.missing or ()
+        )
+        return f"missing='{','.join([*given, word])}'"
 
     def hash_aside(self) -> None:
         """Begin to hash a large file in a second thread, since the hash will be needed."""
@@ -383,11 +407,11 @@ def lateral_steps(
     """Return the lateral steps that a caller declares, in m: one for both directions, or (dx, dy)."""
     if override is None:
         return None
-    items = tuple(override) if isinstance(override, (tuple, list)) else (override, override)
-    if len(items) != 2:
+    items = steps_of(override)
+    if len(items) > 2 or (len(items) == 1 and isinstance(override, tuple | list)):
         raise ReadError(f"lateral_step has {len(items)} values; give one step or (dx, dy)")
-    first, second = (positive(s, "lateral_step", dimension="length") for s in items)
-    return first, second
+    found = [positive(s, "lateral_step", dimension="length") for s in items]
+    return found[0], found[-1]
 
 
 def rate_of(sampling_rate: float | str) -> float:

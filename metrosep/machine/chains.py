@@ -27,6 +27,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, UnitError
 from metrosep.core.public import PublicObject, shortened
+from metrosep.core.readable import did_you_mean
 from metrosep.machine import _poses as ps
 from metrosep.machine._chain_checks import refuse_parallel, refuse_strange_names, refuse_twice
 from metrosep.machine._poses import States
@@ -676,13 +677,8 @@ class Chain(PublicObject):
         names = (terms,) if isinstance(terms, str) else tuple(terms)
         unknown = [name for name in names if name not in self.terms]
         if unknown:
-            hint = paper_hint(unknown[0])
-            if not hint:
-                import difflib
-
-                name = str(unknown[0]).upper().replace("O", "0")  # no term has the letter O
-                near = difflib.get_close_matches(name, self.terms, n=1)
-                hint = f"; did you mean {near[0]}?" if near else ""
+            name = str(unknown[0]).upper().replace("O", "0")  # no term has the letter O
+            hint = paper_hint(unknown[0]) or f".{did_you_mean(name, self.terms)}"
             raise DataError(
                 f"{unknown[0]!r} is not an error term of chain {self.name!r}; "
                 f"known are {', '.join(self.terms)}{hint}"

@@ -256,8 +256,8 @@ def place_of(element: Element, at: float) -> str:
     )
 
 
-def require_travel(elements: Sequence[Element], q: Mapping[str, Any]) -> None:
-    """Refuse poses that an axis with a stated travel does not reach."""
+def require_travel(elements: Sequence[Element], q: Mapping[str, Any], first: int = 0) -> None:
+    """Refuse poses, numbered from `first`, that an axis with a stated travel does not reach."""
     for e in elements:
         if e.travel is None or e.name not in q:
             continue
@@ -267,7 +267,7 @@ def require_travel(elements: Sequence[Element], q: Mapping[str, Any]) -> None:
         if beyond.size:
             more = f" (and {beyond.size - 1} more)" if beyond.size > 1 else ""
             raise LimitError(
-                f"pose {beyond[0] + 1}{more}: {e.name} = {place_of(e, float(at[beyond[0]]))} is outside the "
+                f"pose {first + beyond[0] + 1}{more}: {e.name} = {place_of(e, float(at[beyond[0]]))} is outside the "
                 f"travel of {e.name}, {place_of(e, low)} to {place_of(e, high)}"
             )
 

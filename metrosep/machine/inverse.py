@@ -8,7 +8,7 @@ of the tool. A correction is what is added to the command: ``actual(q + dq) = no
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +36,7 @@ _SINGULAR = math.sin(math.radians(2.0))
 _SAME = 1e-9
 _NO_ANGLE, _NO_LENGTH = 1e-12, 1e-14
 """Rad and m: less is rounding, and no message."""
-_AT_ONCE = 20_000
+AT_ONCE = 20_000
 _STEP = 1e-6
 
 
@@ -199,48 +199,22 @@ def correct_path(
     [0.0, -1e-06, -2e-06]
     """
     at = {a: positions_array(v, f"position of axis {a!r}") for a, v in q.items()}
-    axis = tool_point(tool_axis)
-    size = float(np.linalg.norm(axis))
-    if axis.shape != (3,) or size == 0.0:
-        raise InvalidSamplesError(f"tool_axis is a direction of three numbers, got {tool_axis!r}")
-    axis = axis / size
     shape = np.broadcast_shapes((1,), *(v.shape for v in at.values()))
     nominal = {a: np.broadcast_to(v, shape).astype(np.float64) for a, v in at.items()}
-    free = _linear_axes(chain, {a: v for a, v in nominal.items() if a not in _three(chain)})
+    course = Course(chain, errors, nominal, tool, tool_axis, max_step)
     require_travel(chain.elements, nominal)
-    turning = [e.name for e in chain.elements if e.kind == "rotary" and e.name in nominal]
     # in parts: the poses of a path of a million blocks would take gigabytes
     parts = [
-        _settled(
-            chain,
-            errors,
-            {a: v[i : i + _AT_ONCE] for a, v in nominal.items()},
-            tool,
-            axis,
-            turning,
-        )
-        for i in range(0, shape[0], _AT_ONCE)
+        course.corrected({a: v[i : i + AT_ONCE] for a, v in nominal.items()})
+        for i in range(0, shape[0], AT_ONCE)
     ]
     moved = {a: np.concatenate([p.moved[a] for p in parts]) for a in nominal}
-    require_travel(chain.elements, moved)
-    held = {a: np.concatenate([p.held[a] for p in parts]) for a in turning}
-    before, turned, off, away, reached, across = (
+    held = {a: np.concatenate([p.held[a] for p in parts]) for a in course.turning}
+    before, turned, off, away = (
         np.concatenate([getattr(p, name) for p in parts])
-        for name in ("before", "turn_before", "left", "turn_left", "reached", "across")
+        for name in ("before", "turn_before", "left", "turn_left")
     )
-    sizes = [_rms(reached[:, i]) for i in (0, 1)]
-    if not np.isfinite(off).all() or sizes[1] > max(0.5 * sizes[0], 1e-9):
-        raise NotConvergedError(
-            f"the corrected path does not settle: {format_length(sizes[0])} -> "
-            f"{format_length(sizes[1])}; are the errors in m and rad?"
-        )
     correction = {a: moved[a] - nominal[a] for a in moved}
-    messages = _messages(held, correction, turning, away)
-    if len(free) < 3 and float(across.max()) > _NO_LENGTH:
-        stays = f"up to {format_length(float(across.max()))} of error stay there"
-        messages += (f"{' and '.join(free)} do not move the tool across their plane: {stays}",)
-    if max_step is not None:
-        _refuse_jumps(correction, turning, numbers.quantity(max_step, "max_step", "angle"))
     return CorrectedPath(
         q=freeze_mapping(moved),
         correction=freeze_mapping(correction),
@@ -249,15 +223,101 @@ def correct_path(
         turn_before=turned,
         turn_left=away,
         held=freeze_mapping(held),
-        messages=messages,
+        messages=course.messages(),
         audit=freeze_mapping(
             {"tool_mm": [float(v) * 1e3 for v in np.ravel(tool_point(tool))[:3]]}
         ),
     )
 
 
+class Course:
+    """A path that is corrected part by part, and what the parts so far leave."""
+
+    def __init__(
+        self,
+        chain: Chain,
+        errors: Errors,
+        axes: Collection[str],
+        tool: ArrayLike,
+        tool_axis: ArrayLike,
+        max_step: float | str | None,
+    ) -> None:
+        axis = tool_point(tool_axis)
+        size = float(np.linalg.norm(axis))
+        if axis.shape != (3,) or size == 0.0:
+            raise InvalidSamplesError(
+                f"tool_axis is a direction of three numbers, got {tool_axis!r}"
+            )
+        self.chain, self.errors, self.tool, self.axis = chain, errors, tool, axis / size
+        self.free = _linear_axes(chain, dict.fromkeys(a for a in axes if a not in _three(chain)))
+        self.turning = [e.name for e in chain.elements if e.kind == "rotary" and e.name in axes]
+        self.max_step = (
+            math.inf if max_step is None else numbers.quantity(max_step, "max_step", "angle")
+        )
+        self.n = 0
+        self.squares = np.zeros(2)  # of the error that linear axes can move, before and left
+        self.across = 0.0
+        self.held = {a: np.zeros(2) for a in self.turning}  # poses, squares of what stays there
+        self.largest = dict.fromkeys(self.turning, 0.0)
+        self.last: dict[str, FloatArray] = {}
+
+    def corrected(self, nominal: Mapping[str, FloatArray]) -> Settled:
+        """Return the commands of the next poses, which must be within the travel and settle."""
+        require_travel(self.chain.elements, nominal, self.n)
+        part = _settled(
+            self.chain, self.errors, nominal, self.tool, self.axis, self.turning, self.free
+        )
+        require_travel(self.chain.elements, part.moved, self.n)
+        self.squares += np.sum(part.reached**2, axis=0)
+        self.across = max(self.across, float(part.across.max()))
+        begin, self.n = self.n, self.n + part.across.size
+        sizes = np.sqrt(self.squares / self.n).tolist()
+        if not np.isfinite(part.left).all() or sizes[1] > max(0.5 * sizes[0], 1e-9):
+            raise NotConvergedError(
+                f"the corrected path does not settle: {format_length(sizes[0])} -> "
+                f"{format_length(sizes[1])}; are the errors in m and rad?"
+            )
+        for a in self.turning:
+            by = part.moved[a] - nominal[a]
+            self.largest[a] = max(self.largest[a], float(np.abs(by).max()))
+            self.held[a] += (
+                np.count_nonzero(part.held[a]),
+                np.sum(part.turn_left[part.held[a]] ** 2),
+            )
+            jumps = np.abs(np.diff(np.append(self.last.get(a, by[:1]), by)))
+            self.last[a] = by[-1:]
+            if jumps.max() > self.max_step:
+                i = int(np.argmax(jumps))
+                raise DataError(
+                    f"the correction of {a} jumps by {math.degrees(jumps[i]):.4g} deg between poses "
+                    f"{begin + i - 1} and {begin + i}, max_step is {math.degrees(self.max_step):.4g} deg; the "
+                    "path passes close to the singular pose: hold the orientation there, or tilt the part"
+                )
+        return part
+
+    def messages(self) -> tuple[str, ...]:
+        """Return what stays of the orientation and across the plane of two linear axes, and why."""
+        said = []
+        for a in self.turning:
+            n, squares = self.held[a].tolist()
+            size = math.sqrt(squares / n) if n else 0.0
+            if size > _NO_ANGLE:
+                said.append(
+                    f"{a} hardly turns the tool at {n:.0f} of {self.n} poses and was not or hardly corrected "
+                    f"there: {size * 1e6:.3g} urad RMS of orientation stay"
+                )
+            if self.largest[a] > _NO_ANGLE:
+                said.append(f"the largest correction of {a} is {self.largest[a] * 1e6:.4g} urad")
+        if len(self.free) < 3 and self.across > _NO_LENGTH:
+            stays = f"up to {format_length(self.across)} of error stay there"
+            said.append(
+                f"{' and '.join(self.free)} do not move the tool across their plane: {stays}"
+            )
+        return tuple(said)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class _Settled:
+class Settled:
     """Commands of some poses, and what they leave."""
 
     moved: Mapping[str, FloatArray]
@@ -277,9 +337,9 @@ def _settled(
     tool: ArrayLike,
     axis: FloatArray,
     turning: list[str],
-) -> _Settled:
+    free: tuple[str, ...],
+) -> Settled:
     """Return the commands whose actual poses are the nominal ones."""
-    free = _linear_axes(chain, {a: v for a, v in nominal.items() if a not in _three(chain)})
     reach = reach_of(chain, nominal)
     goal = chain.transform(nominal, tool=tool)
     place, along = goal[..., :3, 3], goal[..., :3, :3] @ axis
@@ -304,7 +364,7 @@ def _settled(
         if max(float(np.abs(moved[a] - before[a]).max()) for a in moved) < _SETTLED:
             break
     of_axes = [v if reach is None else (reach @ v[..., None])[..., 0] for v in (first[0], off)]
-    return _Settled(
+    return Settled(
         moved,
         held,
         first[0],
@@ -400,41 +460,6 @@ def _turns(
     found = np.einsum("...ji,...j,...kj,...k->...i", Vt, inverse, U, goes)
     turned = {a: found[..., i] for i, a in enumerate(turning)}
     return turned, {a: weak[..., i] for i, a in enumerate(turning)}
-
-
-def _refuse_jumps(
-    correction: Mapping[str, FloatArray], turning: list[str], largest: float
-) -> None:
-    for a in turning:
-        jumps = np.abs(np.diff(correction[a]))
-        if jumps.size and jumps.max() > largest:
-            i = int(np.argmax(jumps))
-            raise DataError(
-                f"the correction of {a} jumps by {math.degrees(jumps[i]):.4g} deg between poses {i} and "
-                f"{i + 1}, max_step is {math.degrees(largest):.4g} deg; the path passes close to the "
-                "singular pose: hold the orientation there, or tilt the part"
-            )
-
-
-def _messages(
-    held: Mapping[str, Any],
-    correction: Mapping[str, FloatArray],
-    turning: list[str],
-    left: FloatArray,
-) -> tuple[str, ...]:
-    said = []
-    for a in turning:
-        n = int(np.count_nonzero(held[a]))
-        size = _rms(left[held[a]]) if n else 0.0
-        if size > _NO_ANGLE:
-            said.append(
-                f"{a} hardly turns the tool at {n} of {held[a].size} poses and was not or hardly corrected there: "
-                f"{size * 1e6:.3g} urad RMS of orientation stay"
-            )
-        most = float(np.abs(correction[a]).max())
-        if most > _NO_ANGLE:
-            said.append(f"the largest correction of {a} is {most * 1e6:.4g} urad")
-    return tuple(said)
 
 
 def _rms(values: FloatArray) -> float:

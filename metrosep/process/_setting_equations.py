@@ -314,9 +314,16 @@ def polar_slopes(
     return height, cosine * along_x + sine * along_y, cosine * along_y - sine * along_x
 
 
+def polar_gradient(form: Form, r: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return dz/dr and (dz/dtheta)/r of a form; negative r is the other side."""
+    cosine, sine = np.cos(theta), np.sin(theta)
+    along_x, along_y = form.slopes(r * cosine, r * sine)
+    return cosine * along_x + sine * along_y, cosine * along_y - sine * along_x
+
+
 def bent(form: Form, rho: FloatArray, theta: FloatArray, width: float) -> FloatArray:
     """Return the mean of z_rr over a width along rho."""
-    after, before = (polar_slopes(form, rho + s * width, theta)[1] for s in (0.5, -0.5))
+    after, before = (polar_gradient(form, rho + s * width, theta)[0] for s in (0.5, -0.5))
     return np.asarray((after - before) / width)
 
 

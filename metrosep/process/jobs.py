@@ -24,7 +24,7 @@ from metrosep.process._job_causes import cause_of, check_causes, checked_removed
 from metrosep.process._log_places import held_on_points, on_spiral
 from metrosep.process._motion import FollowUp, FollowUpMap
 from metrosep.process._plain import frozen, length
-from metrosep.process._setting_equations import polar_slopes
+from metrosep.process._setting_equations import polar_gradient
 from metrosep.process.cutting.course_errors import course_error, lead_in_dip, on_the_cut
 from metrosep.process.cutting.edge_errors import Servo
 from metrosep.process.cutting.motion import AxisLimits, AxisMotion, axis_motion
@@ -198,7 +198,7 @@ class TurningJob:
 
     def _no_tip_path(self, rho: FloatArray, azimuth: FloatArray) -> str:
         """Return what a program of cut points does to a part, first order."""
-        _, slope, _ = polar_slopes(self.form, rho, azimuth)
+        slope, _ = polar_gradient(self.form, rho, azimuth)
         deep = _USUAL_NOSE * float(np.nanmax(np.hypot(1.0, slope) - 1.0))
         return (
             "cut points: these are points of the surface, no tip path. Run as a tip path, a round "

@@ -34,7 +34,7 @@ from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._plain import finite_positions, length
-from metrosep.process._setting_equations import known_form, polar_slopes
+from metrosep.process._setting_equations import known_form, polar_gradient, polar_slopes
 from metrosep.process.setting_maps import LARGEST_NOSE, positions
 
 __all__ = ["EdgeProfile", "RoundNose", "rake_error"]
@@ -513,7 +513,7 @@ def _raked(form: Form, x: FloatArray, y: FloatArray, nose: RoundNose, sign: floa
     rho, theta = np.hypot(x, y), np.arctan2(y, x)
     squeeze, lean = nose.tilt
     lean, R = sign * lean, nose.radius
-    _, slope, _ = polar_slopes(form, rho, theta)
+    slope, _ = polar_gradient(form, rho, theta)
     core = R * abs(lean) * (1.0 - 1.0 / np.hypot(1.0, slope / squeeze))
     rho = np.fmax(rho, 10.0 * core)
     offset = 1e-6 * R  # of the Jacobian, which only decides how fast the iteration ends

@@ -21,7 +21,7 @@ from metrosep.core.errors import DataError, LimitError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._plain import Frozen
-from metrosep.process._setting_equations import bent, known_form, polar_slopes
+from metrosep.process._setting_equations import bent, known_form, polar_gradient
 from metrosep.process.nose import RoundNose, Sense, checked_nose, smallest_length
 from metrosep.process.setting_maps import map_extent, polar_axes
 from metrosep.process.tips import Edge, tips
@@ -235,7 +235,7 @@ def _share(
     form: Form, nose: RoundNose, rho: FloatArray, theta: FloatArray, step: float
 ) -> FloatArray:
     """Return z_rr over what the nose has there, the worse of both ways of the tool."""
-    _, slope, across = polar_slopes(form, rho, theta)
+    slope, across = polar_gradient(form, rho, theta)
     h = 1e-3 * nose.radius
     second, open_ = bent(form, rho, theta, h), np.arange(rho.size)
     for _ in range(_HALVINGS):
@@ -260,7 +260,7 @@ def _sharpest(form: Form, rho: float, theta: float, step: float) -> tuple[float,
         width *= 0.5
         tried = rho + width * np.array([-0.5, 0.0, 0.5])
         angle = np.full(3, theta)
-        slope = polar_slopes(form, tried, angle)[1]
+        slope = polar_gradient(form, tried, angle)[0]
         found = bent(form, tried, angle, width) / np.hypot(1.0, slope) ** 3
         if np.isnan(found).all():
             return rho, max(last, 0.0), True
@@ -332,7 +332,7 @@ def _bridged(form: Form, edge: Edge, rho: FloatArray, theta: FloatArray) -> Floa
     The lowest tips that cut nothing touch on one side of a hollow, or on the other; where the contact
     jumps the edge stands on both, and no other passes lower between.
     """
-    _, slope, across = polar_slopes(form, rho, theta)
+    slope, across = polar_gradient(form, rho, theta)
     x, y, _ = edge.point(np.arctan2(slope, edge.up + edge.lean * across))
     phi = theta - np.arctan2(y, rho)
     low, high = rho - x - edge.radius, rho - x + edge.radius
@@ -427,7 +427,7 @@ def clearance_check(
         raise DataError("the nose has no clearance angle: give RoundNose(..., clearance=...)")
     numbers.choice(travel, "travel", get_args(Travel))
     form, rho, theta, said, audit = _mesh(form, nose, radius, region, n_rho, n_theta)
-    _, slope, along = polar_slopes(form, rho, theta)
+    slope, along = polar_gradient(form, rho, theta)
     up, lean = nose.tilt
     ways = {"both": (1.0, -1.0), "growing": (1.0,), "falling": (-1.0,)}[travel]
     falls = []
@@ -481,7 +481,7 @@ def window_check(
     if nose.window is None:
         raise DataError("the nose has no window: give RoundNose(..., window=...)")
     form, rho, theta, said, audit = _mesh(form, nose, radius, region, n_rho, n_theta)
-    _, slope, across = polar_slopes(form, rho, theta)
+    slope, across = polar_gradient(form, rho, theta)
     known = _defined(slope, rho, form, said)
     up, lean = nose.tilt
     psi = np.arctan2(slope, up - np.abs(across * lean))

@@ -29,6 +29,7 @@ METHODS = {
     "dual_servo": "methods.dual_servo:DualServo",
     "gauge_study": "methods.ops_quality:GaugeStudied",
     "part_series": "methods.ops_quality:SeriesOfParts",
+    "roundness": "methods.ops_geometry:Roundness",
     "cylindricity": "methods.ops_geometry:Cylindricity",
     "run_out": "methods.ops_geometry:RunOut",
     "coaxiality": "methods.ops_geometry:Coaxiality",

@@ -243,18 +243,16 @@ def _check_filter(options: Mapping[str, Any]) -> None:
 
 def _check_stop(kind: str, options: Mapping[str, Any]) -> None:
     if kind != "gaussian":
-        raise StepError('band = "stop" belongs to kind = "gaussian"', "band").hinting(
-            kind="gaussian"
-        )
+        raise StepError(
+            'band = "stop" goes with lambda_s and lambda_c, without a kind', "band"
+        ).hinting(kind="gaussian")
     if not {"lambda_s", "lambda_c"} <= options.keys():
         raise StepError(
             'band = "stop" needs lambda_s and lambda_c, the ends of what is removed', "band"
         )
-    for key in ("profile", "sections", "core_filter", "refilter"):
+    for key in ("profile", "sections", "core_filter", "refilter", "end"):
         if key in options:
             raise StepError(f'{key} does not go with band = "stop"', key).hinting(**{key: None})
-    if options.get("end") == "cut":
-        raise StepError('end = "cut" does not go with band = "stop"', "end").hinting(end="moment")
 
 
 def _check_form(options: Mapping[str, Any]) -> None:
@@ -574,7 +572,7 @@ FILTER: Mapping[str, Option] = {
     "band": Option(
         "text",
         choices=("long", "short", "stop"),
-        help="what stays: waves longer or shorter than cutoff; stop: all but lambda_s to lambda_c (gaussian)",
+        help="what stays: waves longer or shorter than cutoff; stop: all but lambda_s to lambda_c, with sharp edges",
         default="long",
     ),
     "end": Option(
@@ -735,8 +733,8 @@ def iso_filtered(
     core_filter: str = "gaussian",
     stop: bool = False,
 ) -> Any:
-    """Return an object after the S-filter and the L-filter, both Gaussian; or what these take off."""
-    from metrosep.filters import Band, chain, gaussian
+    """Return an object after the S-filter and the L-filter, both Gaussian; or without the waves between."""
+    from metrosep.filters import Band, band_stop, chain, gaussian
 
     if lambda_s is not None and lambda_c is not None and not lambda_s < lambda_c:
         raise DataError(
@@ -746,9 +744,10 @@ def iso_filtered(
         )
     if lambda_s is None and lambda_c is None:
         return obj
+    if stop:
+        return band_stop(obj, shortest=lambda_s or 0.0, longest=lambda_c or 0.0)
     options: dict[str, Any] = {"end": end}
-    if stop or isinstance(obj, Surface):
-        options["stop"] = stop
+    if isinstance(obj, Surface):
         return gaussian(obj, band=Band(shortest=lambda_s, longest=lambda_c), **options)
     if lambda_c is None:
         assert lambda_s is not None  # noqa: S101  # one of them is given

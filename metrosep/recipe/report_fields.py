@@ -8,7 +8,6 @@ field changes a number, so none counts in the hash of a recipe. What is missing 
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 import tomllib
@@ -487,8 +486,7 @@ def _filled(value: Any, known: Mapping[str, Any]) -> Any:
             raise RecipeError(f"[report]: {value!r} opens a brace and does not close it")
         if name not in known:
             names = [n for n in known if not n.startswith("meta.")] or ["file"]
-            near = difflib.get_close_matches(name, list(known), n=1)
-            hint = f' Did you mean "{{{near[0]}}}"?' if near else ""
+            hint = did_you_mean(f"{{{name}}}", [f"{{{n}}}" for n in known])
             raise RecipeError(
                 f"[report]: {{{name}}} in {value!r} is not known; there are "
                 f"{', '.join(f'{{{n}}}' for n in names)} and {{meta.KEY}} of the file.{hint}"

@@ -160,14 +160,21 @@ class Result(PublicObject):
         return atomic_write(path, self.to_json())
 
 
+_AS_THEY_ARE = {float, int, bool, str, type(None)}
+"""Kinds that JSON knows; of them only a float may be no number."""
+
+
 def clean(value: Any) -> Any:
     """Return a value as JSON knows it: NaN and infinities become None, tuples lists."""
     if isinstance(value, dict | Mapping):
         return {str(k): clean(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         # most of a document are long lists of numbers; a finite sum holds neither NaN nor infinity
-        if set(map(type, value)) == {float} and math.isfinite(sum(value)):
+        kinds = set(map(type, value))
+        if kinds == {float} and math.isfinite(sum(value)):
             return list(value)
+        if kinds <= _AS_THEY_ARE:
+            return [None if type(v) is float and not math.isfinite(v) else v for v in value]
         return [clean(v) for v in value]
     if isinstance(value, np.generic):
         value = value.item()

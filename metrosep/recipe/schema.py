@@ -341,7 +341,7 @@ MAPS = {
     "files": Field("texts"),
     "channel": Field("text"),
     "unit": Field("text"),
-    "lateral_step": Field("size"),
+    "lateral_step": Field("steps"),
     "row_order": Field("text", choices=ROW_ORDERS),
 }
 TABLE = {"files": Field("texts"), **LAYOUT}

@@ -68,7 +68,7 @@ INPUT = {
 MEASURING_INPUT = {
     "files": Field("texts"),
     "unit": Field("text"),
-    "lateral_step": Field("size"),
+    "lateral_step": Field("steps"),
     "row_order": Field("text", choices=ROW_ORDERS),
     "channel": Field("text"),
     "format": Field("text"),

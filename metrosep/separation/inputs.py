@@ -6,7 +6,6 @@ the function, the recipe and the command line make the same of them.
 
 from __future__ import annotations
 
-import difflib
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -22,6 +21,7 @@ from metrosep.core.methods import METHODS, Method
 from metrosep.core.numbers import is_real
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
+from metrosep.core.readable import did_you_mean
 from metrosep.core.surface import Surface
 from metrosep.separation.contract import Separation
 from metrosep.separation.runs.base import ErrorEstimate
@@ -40,11 +40,9 @@ def method_of_results(name: str) -> str:
 def separate_named(data: Any, method: str, options: Mapping[str, Any]) -> Any:
     """Return what the method of a name makes of data, as a recipe with these keys does."""
     if method not in METHODS:
-        near = difflib.get_close_matches(str(method), [*_RUNS, *METHODS], n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
         raise DataError(
             f"unknown method {method!r}; there are 'joint', 'kono' and 'mean' for repeated runs, and "
-            f"the methods that 'metrosep ops' lists{hint}"
+            f"the methods that 'metrosep ops' lists.{did_you_mean(method, [*_RUNS, *METHODS])}"
         )
     if isinstance(data, list | tuple) and data and all(isinstance(d, ErrorEstimate) for d in data):
         method = method_of_results(method)
@@ -75,11 +73,9 @@ def _options(
     """Return the options in SI: texts with a unit are converted, the rest is for the method to check."""
     for key in given:
         if key not in known:
-            near = difflib.get_close_matches(key, list(known), n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
             listed = ", ".join(known) or "none"
             raise OptionError(
-                f"method {cls.name!r} has no option {key!r}; it knows {listed}{hint}"
+                f"method {cls.name!r} has no option {key!r}; it knows {listed}.{did_you_mean(key, known)}"
             )
     given = {k: v for k, v in given.items() if v is not None}
     for key, declared in known.items():

@@ -69,6 +69,24 @@ def test_units_are_asked_for_only_where_the_header_has_none(tmp_path):
     assert names("x_mm,z_um") == {"x", "z"}
 
 
+@pytest.mark.parametrize(
+    ("head", "proposed"),
+    [
+        ("angle_deg,r_um", {"angle": "angle_deg", "radius": "r_um", "x": "", "z": ""}),
+        (
+            "height_mm,dev_um,Winkel",
+            {"angle": "Winkel", "radius": "dev_um", "height": "height_mm"},
+        ),
+        ("C_deg,gap_um,feed_mm_min", {"angle": "", "z": "gap_um", "feed": "feed_mm_min"}),
+    ],
+)
+def test_a_table_over_an_angle_is_asked_about_as_a_trace(tmp_path, head, proposed):
+    asked = ask_columns([table(tmp_path, head)], {}, "why")
+    values = {f["name"]: f["value"] for f in asked.fields}
+    assert {k: values[k] for k in proposed} == proposed
+    assert "roundness trace" in str(asked)
+
+
 def test_every_field_has_a_label_and_each_choice_is_a_column(tmp_path):
     for field in ask_columns([table(tmp_path, "x,z,y")], {}, "").fields:
         assert field["label"]
@@ -94,6 +112,10 @@ def test_answers_become_keys_of_the_recipe():
     assert answered({"x": "a", "x_unit": "mm", "z": "b", "feed": "", "run": None}) == {
         "x": {"column": "a", "unit": "mm"},
         "z": "b",
+    }
+    assert answered({"angle": "a", "angle_unit": "deg", "radius": "b", "radius_unit": ""}) == {
+        "angle": "a:deg",
+        "radius": "b",
     }
     with pytest.raises(DataError, match="needs the column z"):
         answered({"z_unit": "nm"})

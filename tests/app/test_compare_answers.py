@@ -207,9 +207,9 @@ def test_rankings_are_compared_by_their_numbers(tmp_path):
 def test_bad_requests_have_words(session, tmp_path):
     with pytest.raises(ReadError, match="outside the folders"):
         ask(session, against={"result": "/etc/hostname"})
-    with pytest.raises(DataError, match="names one of pin, result or files"):
+    with pytest.raises(DataError, match="nothing is chosen to compare with"):
         ask(session, against={"pin": "a", "result": "b"})
-    with pytest.raises(DataError, match="names one of pin, result or files"):
+    with pytest.raises(DataError, match="nothing is chosen to compare with"):
         ask(session, against={"folder": "b"})
     (tmp_path / "torn.json").write_text('{"schema": "metrosep.re')
     with pytest.raises(MetrosepError, match="not JSON"):

@@ -2,6 +2,7 @@
 
 import shutil
 
+import numpy as np
 import pytest
 
 from metrosep.app.documents import Places
@@ -12,7 +13,8 @@ from metrosep.core.errors import DataError
 
 def session_of(repository, folder, example, recipe="recipe.toml", change=lambda text: text):
     for file in (repository / "examples" / example).iterdir():
-        shutil.copy(file, folder)
+        if file.is_file():
+            shutil.copy(file, folder)
     path = folder / recipe
     path.write_text(change(path.read_text("utf-8")), "utf-8")
     session = Session(Places([folder]))
@@ -70,7 +72,41 @@ def test_what_is_refused_leaves_terms_and_pictures_and_no_verdict(repository, tm
     assert found["charts"][0]["kind"] == "curves"
 
 
-def test_other_recipes_have_no_page_of_a_machine(repository, tmp_path):
-    session = session_of(repository, tmp_path, "drift")
-    with pytest.raises(DataError, match="this one is iso230_3_drift"):
-        ask(session)
+def test_a_ballbar_lies_about_its_circle_with_the_angle_of_its_places(repository, tmp_path):
+    """The first place of the yz file is +Y from the ball: 0 deg; the largest Z is at 90 deg."""
+    found = ask(session_of(repository, tmp_path, "mill_instruments", "ballbar.toml"))
+    (chart,) = [c for c in found["charts"] if c.get("closed")]
+    assert chart["each"]
+    titles = [p["title"] for p in chart["panels"]]
+    assert titles[1] == "ballbar yz: angle from +Y to +Z"
+    table = np.loadtxt(tmp_path / "ballbar_yz.csv", delimiter=",", skiprows=6)
+    read = table[:, 3] - table[:, 3].mean()
+    for row, degrees in ((0, 0.0), (int(np.argmax(table[:, 2])), 90.0)):
+        curve = chart["panels"][1]["curves"][0]
+        k = int(np.argmin(np.abs(np.degrees(curve["x"]) - degrees)))
+        assert np.degrees(curve["x"][k]) == pytest.approx(degrees, abs=0.01)
+        assert curve["y"][k] == pytest.approx(1e-6 * read[row], abs=1e-11)
+
+
+def test_sections_of_traces_lie_about_a_circle_each(repository, tmp_path):
+    found = ask(session_of(repository, tmp_path, "roundness_traces"))
+    (chart,) = found["charts"]
+    assert (chart["closed"], chart["each"], len(chart["panels"])) == (True, True, 5)
+
+
+def test_parts_over_a_turn_lie_about_a_circle(repository, tmp_path):
+    found = ask(session_of(repository, tmp_path, "reversal"))
+    chart = found["charts"][0]
+    assert (chart["kind"], chart["closed"]) == ("curves", True)
+    assert {"artefact ± 2 u", "spindle ± 2 u"} == {p["title"] for p in chart["panels"]}
+
+
+def test_a_drift_has_curves_that_are_not_round(repository, tmp_path):
+    found = ask(session_of(repository, tmp_path, "drift"))
+    assert found["charts"]
+    assert not any(c.get("closed") for c in found["charts"])
+
+
+def test_a_ranking_has_a_page_of_its_own(repository, tmp_path):
+    with pytest.raises(DataError, match="ranking has its own"):
+        ask(session_of(repository, tmp_path, "fts_lathe"))

@@ -138,6 +138,32 @@ def test_a_known_length_is_read_as_everywhere_and_never_taken_for_a_pixel(tmp_pa
         answers.answer({"k": "scale", "px": 200.0, "known": typed, "step": "1 um"})
 
 
+@pytest.mark.parametrize("typed", ["2 um, 3 um", "2 um x 3 um", "2um \u00d7 3um"])
+def test_a_pixel_that_is_not_square_has_a_width_and_a_height(tmp_path, typed):
+    """1 nm for each row is 1 nm over 3 um along y; the recipe runs alike at the command line."""
+    answers = opened(tmp_path)
+    step = answers.answer({"k": "scale", "px": 200.0, "step": typed})[0]["lateral_step"]
+    made = {"k": "edit", "path": ["input", "lateral_step"], "old": None, "new": step}
+    session = answers.answer(made)[0]["session"]
+    picture, _ = answers.answer({"k": "map"})
+    assert picture["extent"][2:] == pytest.approx([89.5 * 2e-6, 59.5 * 3e-6], abs=1e-15)
+    recipe = tmp_path / "r.toml"
+    recipe.write_text(session["recipe"])
+    result = ms.Recipe.load(recipe).run(tmp_path / "part.h5")
+    assert (result.produced.obj.dx, result.produced.obj.dy) == (2e-6, 3e-6)
+
+
+def test_two_steps_that_are_none_are_refused(tmp_path):
+    answers = opened(tmp_path)
+    for typed, why in (
+        ("2 um, 3 um, 4 um", "one step"),
+        ("2, 3 um", "unit"),
+        ("2 um, -3 um", "positive"),
+    ):
+        with pytest.raises(MetrosepError, match=why):
+            answers.answer({"k": "scale", "px": 200.0, "step": typed})
+
+
 def test_a_button_of_a_refused_edit_makes_the_edit_with_what_it_lacked(tmp_path):
     session = opened(tmp_path, 3e-6).session
     _, document = session.need()

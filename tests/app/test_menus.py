@@ -1,6 +1,11 @@
 """Menus of the page: every form of the library is there, and what a menu offers builds it."""
 
+import numpy as np
+import pytest
+
+import metrosep as ms
 from metrosep.app.menus import described_menus
+from metrosep.core.errors import DataError
 from metrosep.forms.catalogue import form_from_text, form_names
 from metrosep.recipe.pipeline_checks import FILTER, FILTER_KEYS
 
@@ -32,6 +37,26 @@ def test_what_is_offered_builds_the_form_with_all_its_fields_and_with_none():
                         ]
                     )
                 )
+
+
+def test_what_a_form_cannot_guess_is_asked_for_and_nothing_else():
+    """Each tile is an edit at once: with what must be typed the fit begins, without it it does not."""
+    y, x = (np.mgrid[:24, :30] - 11.5) * 10e-6
+    z = x**2 / 0.2 + y**2 / 0.3 + 50e-9 * np.sin(2 * np.pi * x / 1e-4)
+    part = ms.Surface(z, 10e-6, 10e-6)
+    for form in described_menus()["forms"]:
+        name, needed = form["name"], [f for f in form["fields"] if f["required"]]
+        if name in (
+            "expression",
+            "qforbes",
+        ):  # a formula; an aperture that need not be that of the map
+            continue
+        pairs = [f"{f['name']}={f['value'] or f['hint']}" for f in needed]
+        part.remove_form(": ".join([name, ", ".join(pairs)][: 2 if pairs else 1]))
+        if name == "sine_grid":
+            assert [f["name"] for f in needed] == ["wavelength"]
+            with pytest.raises(DataError, match="wavelength"):
+                part.remove_form(name)
 
 
 def test_each_filter_has_its_keys():

@@ -90,6 +90,15 @@ def test_the_section_is_that_of_the_map() -> None:
     assert w.section.x[-1] == pytest.approx(math.hypot(4e-4, 2e-4), abs=1e-15)
 
 
+def test_the_cursors_read_the_plane_where_they_stand() -> None:
+    w = tilted().explore(a=(1e-4, 1e-4), b=(5e-4, 1e-4))
+    w.cursors = (0.25, 1.0)
+    assert header_of(w, "section")["heights"] == [
+        [0.25, pytest.approx(1e-3 * 2e-4 + 2e-3 * 1e-4, abs=ROUNDING)],
+        [1.0, pytest.approx(1e-3 * 5e-4 + 2e-3 * 1e-4, abs=ROUNDING)],
+    ]
+
+
 def test_a_set_end_draws_section_and_spectrum_again_and_not_the_map() -> None:
     w = tilted().explore()
     before = {p: getattr(w, f"{p}_frame") for p in ("map", "section", "spectrum")}

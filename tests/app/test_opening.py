@@ -10,6 +10,7 @@ import metrosep as ms
 from metrosep.app.asking import Ask
 from metrosep.app.documents import Edit, Places
 from metrosep.app.opening import autosave_path, open_files
+from metrosep.app.server import Answers
 from metrosep.app.sessions import Session
 from metrosep.errors import DataError, MetrosepError, ReadError, RecipeError
 
@@ -535,3 +536,60 @@ def test_what_failed_to_open_leaves_what_is_open(tmp_path):
     with pytest.raises(MetrosepError, match=r"b\.x3p"):
         session.open(str(tmp_path / "b.x3p"))
     assert session.state() == before
+
+
+# ---- roundness traces --------------------------------------------------------------------------
+
+
+def answers_of(folder, name, lines):
+    (folder / name).write_text("\n".join(lines) + "\n")
+    return Answers(Session(Places([folder])))
+
+
+def test_a_trace_opens_by_what_the_question_proposes(tmp_path):
+    """Two lobes of 1.5 um about a centre 4 um off: RONt 3 um."""
+    a = np.radians(np.arange(0.0, 360.0, 2.0))
+    rows = 4.0 * np.sin(a) + 1.5 * np.cos(2.0 * a)
+    lines = [
+        "angle_deg,r_um",
+        *(f"{np.degrees(p):.3f},{r:.9f}" for p, r in zip(a, rows, strict=True)),
+    ]
+    answers = answers_of(tmp_path, "t.csv", lines)
+    with pytest.raises(Ask) as asked:
+        answers.answer({"k": "open", "path": "t.csv"})
+    given = {f["name"]: f["value"] for f in asked.value.fields}
+    session = answers.answer({"k": "open", "path": "t.csv", "reading": given})[0]["session"]
+    assert (session["kind"], session["op"]) == ("method", "roundness")
+    rows = {r["symbol"]: r for r in answers.answer({"k": "metrics", "level": "full"})[0]["rows"]}
+    assert rows["RONt"]["value"] == pytest.approx(3e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({"angle": "r_um", "radius": "angle_deg"}, "an angle is needed"),
+        ({"angle": "angle_deg"}, "the radius of the trace is not named"),
+        ({"angle": "angle_deg", "radius": "r_um", "x": "r_um"}, "not both"),
+    ],
+)
+def test_a_wrong_answer_about_a_trace_comes_back_with_its_reason(tmp_path, given, why):
+    lines = ["angle_deg,r_um", *(f"{k},{k % 7}" for k in range(0, 360, 5))]
+    answers = answers_of(tmp_path, "t.csv", lines)
+    with pytest.raises(Ask, match=why) as asked:
+        answers.answer({"k": "open", "path": "t.csv", "reading": given})
+    assert {f["name"]: f["value"] for f in asked.value.fields}["angle"] == given["angle"]
+
+
+def test_a_worksheet_of_a_talyrond_asks_for_its_unit_only(tmp_path, corpus):
+    data = (corpus / "round" / "talyrond_profile.xlsx").read_bytes()
+    (tmp_path / "t.xlsx").write_bytes(data)
+    answers = Answers(Session(Places([tmp_path])))
+    with pytest.raises(Ask) as asked:
+        answers.answer({"k": "open", "path": "t.xlsx"})
+    given = {f["name"]: f["value"] for f in asked.value.fields}
+    assert set(given) == {"angle", "angle_unit", "radius", "radius_unit", "height"}
+    with pytest.raises(Ask, match="unit"):
+        answers.answer({"k": "open", "path": "t.xlsx", "reading": given})
+    given["radius_unit"] = "um"
+    session = answers.answer({"k": "open", "path": "t.xlsx", "reading": given})[0]["session"]
+    assert session["op"] == "roundness"

@@ -94,6 +94,27 @@ def test_outside_the_map_nothing_is_measured():
     assert np.isnan(away.low).all()
 
 
+@pytest.mark.parametrize("columns", [3, 40, 1000])
+def test_a_cursor_reads_the_map_whatever_the_columns_of_the_picture(columns):
+    """A wall of 3 um: the middle of a wide column would lie half way up it."""
+    x, _ = grid()
+    z = np.where(x < 12 * MM, 0.0, 3 * UM) + 1e-6 * x
+    z[300] = np.nan
+    surface = Surface(z, STEP, STEP, origin=ORIGIN)
+    a, b = (2 * MM, 0.0), (22 * MM, 0.0)
+    cut = section_view(surface, a, b, columns=columns, cursors=[0.25, 0.505, 0.5])
+    expected = {0.25: 7e-9, 0.505: 12.1e-9 + 3 * UM, 0.5: 12e-9 + 3 * UM}
+    assert {t: pytest.approx(v, abs=ROUNDING) for t, v in expected.items()} == cut.heights
+    gap = section_view(surface, (2 * MM, 25 * MM), (22 * MM, 25 * MM), cursors=[0.25])
+    assert np.isnan(gap.heights[0.25])
+
+
+@pytest.mark.parametrize("cursors", [[1.5], [-0.1], ["a"], 0.5, [True], [float("nan")], [0.1] * 9])
+def test_a_cursor_is_a_part_of_the_length(cursors):
+    with pytest.raises(DataError, match="parts of the length from 0 to 1"):
+        section_view(bumped(), (4 * MM, 30 * MM), (24 * MM, 30 * MM), cursors=cursors)
+
+
 def test_numbers_of_a_sine():
     n, amplitude = 400, 5 * UM
     column = np.arange(n)

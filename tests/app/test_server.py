@@ -170,6 +170,31 @@ def test_metrics_of_full_data_are_those_of_the_recipe(page, part, tmp_path):
         assert rows[symbol] == pytest.approx(wanted[symbol], abs=0.0, rel=1e-12)
 
 
+def test_where_a_step_fails_the_map_before_it_is_shown_and_the_rows_stay(page):
+    _, before = page.ok("map", level="full", pixels=[200, 200])
+    rows = [r["symbol"] for r in page.ok("metrics", level="full")[0]["rows"]]
+    sine = {"op": "form", "form": "sine-grid"}
+    page.ok(
+        "edit",
+        edits=[
+            {"path": ["step", 1], "old": {"op": "parameters"}, "new": sine},
+            {"path": ["step", 2], "old": None, "new": {"op": "parameters"}},
+        ],
+    )
+    for stage in (-1, 1, 2):
+        header, arrays = page.ok("map", stage=stage, level="full", pixels=[200, 200])
+        assert header["failed"] == 1
+        np.testing.assert_array_equal(arrays["index"], before["index"])
+    header, _ = page.ok("metrics", level="full")
+    assert header["failed"]["index"] == 1
+    assert "amplitude" in header["failed"]["message"]
+    assert set(rows) == {r["symbol"] for r in header["rows"]}
+    lost = next(r for r in header["rows"] if r["symbol"] == "Sq")
+    assert lost["value"] is None
+    assert lost["definition"] == "not evaluated, as step 2 failed"
+    page.ok("section", stage=1, a=[0.0, 30e-3], b=[50e-3, 30e-3])
+
+
 def test_result_of_the_page_is_that_of_the_command_line(page, part, tmp_path):
     page.ok(
         "edit", path=["check", 0], old=None, new={"metric": "Sq", "upper": "2 um", "U": "1 nm"}

@@ -15,6 +15,7 @@ import pytest
 from browser.conftest import FULL, STEP, N, chromium
 from browser.test_work import choose, printed, settled
 
+import metrosep as ms
 from metrosep.recipe.recipe import without_view_block
 
 pytestmark = pytest.mark.browser
@@ -471,6 +472,29 @@ def test_eight_sections_have_eight_colours_and_a_ninth_is_refused(
         assert y0 == y1
 
 
+@pytest.mark.parametrize(("width", "height"), [(1366, 768), (390, 844)])
+def test_the_plus_of_the_section_adds_another(
+    opened: Opened, map_file: Path, width: int, height: int
+) -> None:
+    page = opened(map_file)
+    try:
+        page.show(width, height)
+        for n in range(2):
+            if width < 700:
+                page.click('#parts [data-part="section"]')
+            page.click("#section-add")
+            page.wait("document.querySelector('#map').checkVisibility()")
+            hand = Hand(page)
+            start, end = (1.0 * MM, (2 + n) * MM), (4.0 * MM, (2 + n) * MM)
+            settled(page, lambda hand=hand, start=start, end=end: hand.drag(start, end))
+            lines = hand.data()["section"]
+            assert len(lines) == n + 1
+            assert np.abs(np.subtract(point(lines[n]["a"]), start)).max() <= hand.near
+            assert np.abs(np.subtract(point(lines[n]["b"]), end)).max() <= hand.near
+    finally:
+        page.show(1366, 768)
+
+
 def test_a_step_is_measured_in_full_resolution_and_its_peak_is_marked(
     opened: Opened, map_file: Path
 ) -> None:
@@ -534,6 +558,8 @@ def test_a_band_is_pulled_out_of_a_line_and_damps_waves_across_it(
     width = metres(hand.data()["section"][0]["width"])
     assert width > 10 * STEP
     page.wait("document.getElementById('messages').title.includes('mean of')")
+    page.click("#messages")
+    page.wait("document.querySelector('dialog pre')?.textContent.includes('mean of')")
     assert page.errors == []
 
 
@@ -704,3 +730,24 @@ def test_a_shape_drawn_without_connection_is_sent_again_once(tab: Any, map_file:
         finally:
             tab.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
             tab.go("about:blank")
+
+
+def test_drawing_on_a_map_without_scale_leads_to_its_scale(opened: Opened, tmp_path: Path) -> None:
+    """A pixel is 2 um wide and 3 um high; a circle is drawn in lengths after that."""
+    y, x = np.mgrid[0:60, 0:90]
+    file = ms.write(ms.Surface(20e-9 * np.cos(x / 3.0) + 1e-9 * y), tmp_path / "part.h5")
+    page = opened(file, "document.querySelector('#no-scale:not([hidden])') !== null")
+    page.run("document.querySelector('#map canvas').focus()")
+    page.press("c")
+    page.wait("document.querySelector('#alerts button') !== null")
+    assert "how large a pixel" in page.text("#alerts")
+    page.click("#alerts button")
+    page.wait("document.querySelector('dialog [name=step]') !== null")
+    assert page.text("#alerts") == ""
+    page.fill("dialog [name=step]", "2 um x 3 um")
+    page.press("Enter")
+    page.wait("document.querySelector('#no-scale').hidden")
+    page.click("#recipe")
+    text = page.run("document.querySelector('dialog pre').textContent")
+    assert 'lateral_step = "2 um x 3 um"' in text
+    assert page.errors == []

@@ -155,6 +155,24 @@ def test_a_narrow_page_keeps_its_parts_whatever_was_dragged(
     assert page.errors == []
 
 
+@pytest.mark.parametrize("width", [1200, 1280, 1366, 1500])
+def test_one_long_message_does_not_make_the_page_scroll_sideways(
+    opened: Opened, map_file: Path, width: int
+) -> None:
+    """The foot line shows a single message whole where there is room, and cuts it elsewhere."""
+    page = opened(map_file)
+    page.show(width, 768)
+    page.run(
+        "(() => { const e = document.getElementById('messages'); e.hidden = false;"
+        "e.textContent = 'the map is read at 1/4 of its resolution, '.repeat(12); })()"
+    )
+    page.run("new Promise((done) => setTimeout(done, 200))")
+    assert page.run("document.documentElement.scrollWidth") <= width
+    assert page.run("document.getElementById('help').getBoundingClientRect().right") <= width
+    assert page.run("document.getElementById('messages').getBoundingClientRect().width") > 100
+    assert page.errors == []
+
+
 def test_the_way_back_holds_cursors_panels_and_splits(opened: Opened, map_file: Path) -> None:
     page = opened(map_file)
     rest = 0.8  # s: a state is kept when it has rested

@@ -190,3 +190,61 @@ def test_the_colour_bar_moves_the_range(opened: Opened, map_file: Path) -> None:
     assert after != before
     page.click(".colourbar button")
     page.wait("document.querySelector('.colourbar button').disabled")
+
+
+NM, UM = 1e-9, 1e-6
+READ_OUT = 0.05 * NM
+"""Four digits of some hundred nm."""
+
+
+def cursor_height(page: Any, k: int) -> float:
+    page.wait("document.querySelectorAll('#section .handle-upright').length === 2")
+    words = str(
+        page.wait(
+            f"(() => {{ const t = document.querySelectorAll('#section .handle-upright')[{k}].getAttribute('aria-valuetext');"
+            "return t && !t.includes('…') && t; })()"
+        )
+    )
+    number, unit = words.split("height ")[1].replace("\u2212", "-").split("\u2009")
+    return float(number) * {"nm": NM, "µm": UM, "pm": 1e-12}[unit]
+
+
+def grooves(file: Path) -> list[float]:
+    """Write grooves of five pixels; return the heights above their plane at 1/4 and 3/4 of A-B."""
+    import numpy as np
+
+    from metrosep import Surface
+    from metrosep.io.write import write
+
+    n = 2050  # A lies at -0.5 + 0.08 n and B at -0.5 + 0.92 n: both cursors on pixels, 594 and 1455
+    i = np.arange(n)
+    z = 0.1 * NM * i - 600 * NM * (i % 10 < 5)
+    write(Surface(np.tile(z, (41, 1)), dx=1 * UM, dy=1 * UM), file)
+    flat = z - np.polyval(np.polyfit(i, z, 1), i)
+    return [float(flat[594]), float(flat[1455])]  # the one in a groove, the other beside one
+
+
+@pytest.mark.parametrize("width", [320, 800, 1366])
+def test_a_cursor_reads_the_same_height_in_every_window(
+    opened: Opened, tab: Any, tmp_path: Path, width: int
+) -> None:
+    """A column of a narrow plot holds both levels: its middle is 300 nm beside them."""
+    expected = grooves(tmp_path / "grooves.x3p")
+    assert expected[1] - expected[0] == pytest.approx(600 * NM, abs=5 * NM)
+    tab.show(width, 800)
+    page = opened(tmp_path / "grooves.x3p")
+    for k in (0, 1):
+        assert cursor_height(page, k) == pytest.approx(expected[k], abs=READ_OUT)
+    assert page.errors == []
+
+
+def test_a_wider_window_draws_the_section_anew(opened: Opened, tab: Any, tmp_path: Path) -> None:
+    """Columns of 390 pixels stretched over 1600 would draw each edge as a wedge."""
+    grooves(tmp_path / "grooves.x3p")
+    tab.show(390, 800)
+    page = opened(tmp_path / "grooves.x3p")
+    page.wait("document.body.dataset.sections > 0")
+    before = int(page.run("document.body.dataset.sections"))
+    tab.show(1600, 800)
+    page.wait(f"document.body.dataset.sections > {before}", 10)
+    assert page.errors == []

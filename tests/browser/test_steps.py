@@ -87,3 +87,28 @@ def test_another_kind_of_filter_takes_the_length_over_and_drops_the_rest(
     settled(page, lambda: page.press("z"))
     assert step(page, 1)["kind"] == "spline"
     assert page.errors == []
+
+
+def test_a_step_that_fails_leaves_the_map_before_it_and_says_so(
+    opened: Opened, map_file: Path
+) -> None:
+    page = opened(map_file)
+    page.wait("document.getElementById('map-stage').textContent.startsWith('after')")
+    page.click('[data-step="0"] .pick')
+    page.click("[data-form=sine_grid]")  # it needs its amplitude: nothing is made yet
+    assert step(page, 0)["form"] != "sine-grid"
+    page.press("Escape")
+    settled(page, lambda: choose(page, "#add-step", "filter"))
+    page.fill("[data-key=lambda_c]", "0.001 mm")
+    page.press("Tab")
+    page.wait("document.querySelector('.step.failed') !== null")
+    page.wait("document.getElementById('map-stage').textContent.includes('failed')")
+    assert page.text("#map-stage") == "after step 1, form: step 2, filter, failed"
+    assert page.run("document.getElementById('map-message').hidden")
+    assert page.text("#verdict") == "No verdict: step 2 failed"
+    assert (
+        page.run("document.querySelector('[data-metric=Sq] td:nth-child(2)').textContent") == "–"
+    )
+    page.click('[data-step="1"] .pick')  # all steps again: the same map
+    page.wait("document.getElementById('map-stage').textContent.includes('failed')")
+    assert page.errors == []

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+import metrosep as ms
+
 pytestmark = pytest.mark.browser
 
 FULL = "document.querySelector('#status-full.done') !== null"
@@ -231,6 +233,38 @@ def test_two_maps_side_by_side_share_window_and_cursor(opened: Opened, map_file:
     page.wait(
         "(([a, b]) => a && a === b)([...document.querySelectorAll('.side-row .map-ruler')].map((e) => e.textContent + e.style.width))"
     )
+    assert page.errors == []
+
+
+def test_a_file_that_is_followed_behind_a_comparison_leaves_nothing_to_compare(
+    opened: Opened, tmp_path: Path
+) -> None:
+    y, x = np.mgrid[0:120, 0:160]
+
+    def wave(name: str, step: float) -> Path:
+        z = 1e-8 * np.cos(x / step) + 1e-9 * y
+        return ms.write(ms.Surface(z, 2e-6, 3e-6), tmp_path / name)
+
+    page, other = opened(wave("a.sdf", 5.0)), wave("b.sdf", 6.0)
+    page.click("#tab-compare")
+    page.run(
+        "(() => { const s = document.querySelector('#compare-with'); s.value = 'files'; s.dispatchEvent(new Event('change')); })()"
+    )
+    page.wait("document.querySelector('dialog input[name=path]') !== null")
+    page.fill("dialog input[name=path]", str(other))
+    page.press("Enter")
+    page.wait("document.querySelector('.compare-picture').dataset.drawn === 'map'", LONG)
+    page.click(".compare-picture > button")
+    page.wait("document.querySelector('.side-row').dataset.drawn === '2'")
+    page.click("#tab-view")
+    page.run(
+        "(() => { const e = document.getElementById('follow'); e.value = 'file'; e.dispatchEvent(new Event('change')); })()"
+    )
+    page.run("new Promise((done) => setTimeout(done, 2500))")
+    wave("a.sdf", 7.0)
+    page.wait("document.querySelector('.compare-picture').hidden", LONG)
+    page.run("new Promise((done) => setTimeout(done, 600))")
+    assert page.text("#alerts") == ""
     assert page.errors == []
 
 

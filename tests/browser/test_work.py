@@ -56,6 +56,29 @@ def set_limit(page: Any, row: str, upper: str, uncertainty: str) -> None:
     page.press("Enter")
 
 
+def test_a_limit_without_unit_has_that_of_the_value_beside_it(
+    opened: Opened, map_file: Path
+) -> None:
+    """The field names the unit, and the recipe holds it; a pure number stays one."""
+    page = opened(map_file)
+    value = page.text('[data-metric="Sq"] td:nth-child(2)')
+    unit = value.split("\u2009")[1]
+    settled(page, lambda: set_limit(page, "row Sq", "180", "2"))
+    page.click('[data-row="check 0"]')
+    assert f"/ {unit}" in page.text(".limit-form")
+    stored = page.run(
+        "[...document.querySelectorAll('.limit-form input')].map((one) => one.value)"
+    )
+    assert stored == ["", f"180 {unit.replace('µ', 'u')}", f"2 {unit.replace('µ', 'u')}"]
+    page.click('[data-row="check 0"]')
+    assert "No verdict" not in page.text("#verdict")
+    settled(page, lambda: set_limit(page, "row Ssk", "3", "0.1"))
+    page.click('[data-row="check 1"]')
+    assert page.run("document.querySelector('.limit-form input[name=upper]').value") == "3"
+    assert "No verdict" not in page.text("#verdict")
+    assert page.errors == []
+
+
 def test_metrics_are_those_of_the_library_to_the_printed_digit(
     opened: Opened, map_file: Path
 ) -> None:

@@ -27,6 +27,8 @@ def runs_csv(tmp_path_factory):
 
 
 COLUMNS = ("--x", "x_mm", "--z", "z_um", "--feed", "feed_mm_min", "--run", "run")
+RANGE = ("--start", "0 mm", "--length", "30 mm", "--shortest", "1 mm")
+"""The same in all tests that need no other: the runs are then separated once."""
 
 
 def one_line_error(err):
@@ -51,9 +53,7 @@ def test_help_imports_no_numpy():
 
 def test_separate_prints_json_on_stdout_and_the_rest_elsewhere(metrosep, runs_csv, monkeypatch):
     monkeypatch.setattr("metrosep.cli.jobs._AT_ONCE", 0.0)
-    code, out, err = metrosep(
-        "separate", runs_csv, *COLUMNS, "--start", "0 mm", "--length", "30 mm", "--json"
-    )
+    code, out, err = metrosep("separate", runs_csv, *COLUMNS, *RANGE, "--json")
     found = json.loads(out)
 
     assert code == 0
@@ -66,8 +66,7 @@ def test_separate_prints_json_on_stdout_and_the_rest_elsewhere(metrosep, runs_cs
 
 def test_separate_writes_table_report_and_result(metrosep, runs_csv, tmp_path):
     code, _, err = metrosep(
-        "separate", runs_csv, *COLUMNS, "--start", "0 mm", "--length", "30 mm",
-        "--shortest", "1 mm", "--table", "linuxcnc=x.comp", "--compensates", "X", "--spacing", "0.5 mm", "--poly", "2", "-o", tmp_path / "out",
+        "separate", runs_csv, *COLUMNS, *RANGE, "--table", "linuxcnc=x.comp", "--compensates", "X", "--spacing", "0.5 mm", "--poly", "2", "-o", tmp_path / "out",
     )  # fmt: skip
 
     assert code == 0, err
@@ -80,7 +79,7 @@ def test_separate_writes_table_report_and_result(metrosep, runs_csv, tmp_path):
 
 def test_table_from_a_result_and_verify(metrosep, runs_csv, tmp_path):
     out = tmp_path / "out"
-    code, _, _ = metrosep("separate", runs_csv, *COLUMNS, "--shortest", "1 mm", "-o", out)
+    code, _, _ = metrosep("separate", runs_csv, *COLUMNS, *RANGE, "-o", out)
     assert code == 0
 
     comp = tmp_path / "x.comp"
@@ -186,16 +185,13 @@ def test_verify_rejects_a_flipped_table_with_code_1(metrosep, runs_csv, tmp_path
         "separate",
         runs_csv,
         *COLUMNS,
+        *RANGE,
         "--table",
         f"linuxcnc={comp}",
         "--compensates",
         "X",
         "--spacing",
         "0.5 mm",
-        "--start",
-        "0 mm",
-        "--length",
-        "30 mm",
         "--machine",
         "travel_low=0 mm",
         "--machine",
@@ -517,4 +513,4 @@ def test_the_list_of_commands_says_the_first_sentence_of_each_and_loads_none(cap
 def test_a_command_that_is_nearly_one_is_named(metrosep):
     code, _, err = metrosep("measur", "x.h5")
     assert code == 2
-    assert "Did you mean 'measure'?" in err
+    assert 'Did you mean "measure"?' in err

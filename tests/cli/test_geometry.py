@@ -140,6 +140,76 @@ def test_what_traces_lack_is_said(metrosep, tmp_path, words, message):
     assert message in err
 
 
+# ---- roundness of traces -----------------------------------------------------------------------
+
+TRACE = ("--angle", "Winkel [deg]", "--radius", "Abw. [um]")
+
+
+def trace(turned=0.0, lobes=2.0, off=5.0):
+    """Angle in degrees and deviation in um: three lobes, a centre `off` um away at 30 degrees."""
+    a = np.arange(0.0, 360.0, 0.5)
+    return a, off * np.cos(np.radians(a - 30.0)) + lobes * np.cos(3.0 * np.radians(a - turned))
+
+
+@pytest.mark.parametrize("way", ["forwards", "backwards", "through zero"])
+def test_a_trace_has_its_roundness_and_its_centre_however_it_was_run(metrosep, tmp_path, way):
+    """Three lobes of +-2 um: RONt 4 um, RONq 2/sqrt(2) um, whatever the centre (limacon, closed form)."""
+    a, r = trace()
+    k = {"forwards": slice(None), "backwards": slice(None, None, -1)}.get(way)
+    rows = list(
+        zip(np.roll(a, 123), np.roll(r, 123), strict=True)
+        if k is None
+        else zip(a[k], r[k], strict=True)
+    )
+    rows.insert(7, (rows[7][0], np.nan))
+    file = semicolons(tmp_path / "t.txt", rows, ("Winkel [deg]", "Abw. [um]"))
+    words = ("--set", "reference=LS", "-o", str(tmp_path / "out"))
+    code, found = values(metrosep, "geometry", "roundness", file, *TRACE, *words)
+    assert code == 0
+    assert abs(found["RONt"]["value"] - 4 * UM) < CLOSE
+    assert abs(found["RONq"]["value"] - 2 * UM / np.sqrt(2.0)) < CLOSE
+    assert "ISO 12181-1" in found["RONt"]["definition"]
+    document = json.loads((tmp_path / "out" / "result.json").read_text())
+    (panel,) = document["separation"]["charts"][0]["panels"]
+    assert "RONt 4 um, centre 5 um off at 30 deg" in panel["title"]
+    assert max(panel["curves"][0]["y"]) == pytest.approx(2 * UM, abs=CLOSE)
+
+
+def test_the_worst_section_counts_and_a_limit_judges_it(metrosep, tmp_path):
+    files = [
+        semicolons(tmp_path / f"s{k}.txt", zip(*trace(lobes=lobes), strict=True), ("Winkel [deg]", "Abw. [um]"))
+        for k, lobes in enumerate((0.5, 2.0, 1.0))
+    ]  # fmt: skip
+    words = ("--upper", "3.9 um", "--U", "10 nm", "--set", "u_reading=1 nm")
+    code, found = values(metrosep, "geometry", "roundness", *files, *TRACE, *words)
+    assert code == 1
+    assert abs(found["RONt"]["value"] - 4 * UM) < CLOSE
+    assert 0.5e-9 < found["RONt"]["u"] < 3e-9
+
+
+def test_a_trace_of_a_talyrond_worksheet_is_a_table(metrosep, corpus):
+    """Radius over the angle, no unit in the file: the sheet has 3600 rows of 0.1 degrees, without names."""
+    file = corpus / "round" / "talyrond_profile.xlsx"
+    words = ("--angle", "column1:deg", "--radius", "column2:um", "--set", "reference=LS")
+    _, found = values(metrosep, "geometry", "roundness", file, *words)
+    a, r = np.array(sheet(file)).T
+    G = np.stack([np.ones(a.size), np.cos(np.radians(a)), np.sin(np.radians(a))], 1)
+    truth = np.ptp(r - G @ np.linalg.lstsq(G, r)[0])
+    assert abs(found["RONt"]["value"] - truth * UM) < CLOSE
+
+
+def sheet(file):
+    """Columns A and B of the first worksheet, read without metrosep."""
+    import re
+    import zipfile
+
+    with zipfile.ZipFile(file) as book:
+        name = next(n for n in sorted(book.namelist()) if "worksheets/sheet" in n)
+        text = book.read(name).decode()
+    cells = dict(re.findall(r'<c r="([AB]\d+)"[^>]*?><v>([^<]+)</v>', text))
+    return [(float(cells[f"A{k}"]), float(cells[f"B{k}"])) for k in range(1, len(cells) // 2 + 1)]
+
+
 # ---- position and run-out against another element -----------------------------------------------
 
 

@@ -828,6 +828,34 @@ def test_the_four_places_and_the_turning_axis_are_asked_for_in_words_of_the_comm
     assert list(tmp_path.iterdir()) == [tmp_path / "c.toml"]
 
 
+@pytest.mark.parametrize(
+    ("over", "other", "same", "shown"),
+    [("C", "A=0 deg", "X0C = 9 um, Y0C = -4 um", "Y0A"), ("A,C", "", "X0C = 9 um", "Y0C")],
+)
+def test_what_a_turning_axis_needs_in_the_kinematics_is_said(
+    metrosep, tmp_path, monkeypatch, over, other, same, shown
+):
+    """The line of C aside of where it should be: at every C the same; Y0C turns with A, so tables over A hold it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "c.toml").write_text('X0C = "9 um"\nY0C = "-4 um"\n')
+    (tmp_path / "C.csv").write_text(
+        "C_deg,EZC_um\n"
+        + "".join(f"{c},{3 * np.sin(np.radians(c)):.4f}\n" for c in range(0, 361, 10))
+    )
+    spans = {"A": "A=-90 deg..30 deg", "C": "C=0 deg..360 deg"}
+    where = [w for a in over.split(",") for w in ("--span", spans[a])]
+    where += [w for p in ("X=0 mm", "Y=0 mm", "Z=0 mm", other) if p for w in ("--at", p)]
+    code, _, err = metrosep(
+        "machine-tables", "five_axis", "c.toml", "C.csv", "--pivot-height", "80 mm", "--over", over,
+        "--spacing", "10 deg", *where, "-o", "out",
+    )  # fmt: skip
+    assert code == 0, err
+    (said,) = [v for v in err.splitlines() if "the tables hold none of it" in v]
+    assert said.startswith(f"note: {same}: ")
+    assert shown not in said
+    assert "axis C in its kinematics" in said
+
+
 def test_a_preset_lacks_its_size_in_the_same_breath_as_other_options(
     metrosep, tmp_path, monkeypatch
 ):

@@ -145,6 +145,20 @@ def test_a_line_that_stands_beside_its_place_is_an_offset_and_needs_no_table(
     assert "offset of X in the control" in refused.err
 
 
+def test_the_last_line_proposes_tables_over_what_was_read(call, folder, tmp_path, monkeypatch):
+    """A was read from -90 to 30 deg: its location errors alone do not say so."""
+    monkeypatch.chdir(tmp_path)
+    sets = [str(folder / f"ball_{i}.csv") for i in (1, 2, 3)]
+    done = call(
+        "calibrate", "five_axis", *sets, "--pivot-height", "80 mm",
+        "--terms", "Y0A,Z0A,B0A,C0A,X0C,Y0C,A0C,B0C,C0Y,B0Z,A0Z,EXC,EZC", "-o", "terms",
+    )  # fmt: skip
+    last = done.err.splitlines()[-1]
+    assert '--over A,C --spacing "A=12 deg,C=36 deg" --span "A=-90 deg..30 deg"' in last
+    made = call(*shlex.split(last.removeprefix("next: metrosep ")))
+    assert made.code == 0, made.err
+
+
 def test_untidy_files_of_readings_are_read(call, folder, truth, tmp_path):
     """Semicolons, decimal commas, a mark of Windows, columns in another order, lengths in m and mm."""
     files = []

@@ -6,15 +6,12 @@ import json
 import re
 import shlex
 from functools import cache
-from pathlib import Path
 
 import click
 import pytest
+from contracts.sources import PACKAGE, trees
 
-import metrosep
 from metrosep.cli.main import _GROUPS, _HOMES, cli, main
-
-PACKAGE = Path(metrosep.__file__).parent
 
 WORDS = {
     "doubt": r"\bdoubt(?:s|ful)?\b",
@@ -59,11 +56,6 @@ def messages(folder):
     return tuple(_texts(folder))
 
 
-@cache
-def trees():
-    return {p: ast.parse(p.read_text(encoding="utf-8")) for p in sorted(PACKAGE.rglob("*.py"))}
-
-
 def _pages(node, path):
     """Yield the docstrings of what has no underscore: `help()` shows them."""
     for each in ast.iter_child_nodes(node):
@@ -76,13 +68,11 @@ def _texts(folder):
     for path, tree in trees().items():
         if not path.is_relative_to(PACKAGE / folder):
             continue
-        quiet = {
-            id(node.value)
-            for node in ast.walk(tree)
-            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-        }
+        quiet = set()  # a parent comes before its children
         for node in ast.walk(tree):
-            if (
+            if isinstance(node, ast.Expr):
+                quiet.add(id(node.value))
+            elif (
                 isinstance(node, ast.Constant)
                 and isinstance(node.value, str)
                 and id(node) not in quiet

@@ -1,5 +1,7 @@
 """Chained lincurves: a hand-made file, a small HAL of its own, what is refused."""
 
+import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,27 +31,27 @@ PLACE = 0.5e-13
 HAND = """\
 # metrosep: X (joint 0) -> Z (joint 1), 18 points
 # adds the correction -e (mm) to the motor command and takes it out of the feedback
-loadrt lincurve names=comp-0,comp-1 personality=16,3
-loadrt sum2 names=comp-sum-1,comp-cmd,comp-fb
-setp comp-fb.gain1 -1
+loadrt lincurve names=comp-0-1-0,comp-0-1-1 personality=16,3
+loadrt sum2 names=comp-0-1-s-1,comp-0-1-cmd,comp-0-1-fb
+setp comp-0-1-fb.gain1 -1
 {points}
-addf comp-fb servo-thread
+addf comp-0-1-fb servo-thread
 addf motion-command-handler servo-thread
 addf motion-controller servo-thread
-addf comp-0 servo-thread
-addf comp-1 servo-thread
-addf comp-sum-1 servo-thread
-addf comp-cmd servo-thread
-net comp-position joint.0.pos-cmd
-net comp-position comp-0.in
-net comp-position comp-1.in
-net comp-below-1 comp-0.out comp-sum-1.in0
-net comp-piece-1 comp-1.out comp-sum-1.in1
-net comp-value comp-sum-1.out comp-cmd.in1 comp-fb.in1
-net comp-motor joint.1.motor-pos-cmd comp-cmd.in0
-net comp-drive comp-cmd.out
-net comp-encoder comp-fb.in0
-net comp-feedback comp-fb.out joint.1.motor-pos-fb
+addf comp-0-1-0 servo-thread
+addf comp-0-1-1 servo-thread
+addf comp-0-1-s-1 servo-thread
+addf comp-0-1-cmd servo-thread
+net comp-0-1-position joint.0.pos-cmd
+net comp-0-1-position comp-0-1-0.in
+net comp-0-1-position comp-0-1-1.in
+net comp-0-1-below-1 comp-0-1-0.out comp-0-1-s-1.in0
+net comp-0-1-piece-1 comp-0-1-1.out comp-0-1-s-1.in1
+net comp-0-1-value comp-0-1-s-1.out comp-0-1-cmd.in1 comp-0-1-fb.in1
+net comp-0-1-motor joint.1.motor-pos-cmd comp-0-1-cmd.in0
+net comp-0-1-drive comp-0-1-cmd.out
+net comp-0-1-encoder comp-0-1-fb.in0
+net comp-0-1-feedback comp-0-1-fb.out joint.1.motor-pos-fb
 """
 HAND_X = [*range(-30, 0, 3), 0, 1, 3, 6, 10, 12, 20, 21]  # mm
 HAND_Y = [0.4, 0.1, 0, 0, -0.2, -0.1, 0, 0.2, 0.1, 0, 0, -0.3, -0.5, 0, 1.0, 3.0, 2.5, 4.0]  # um
@@ -61,8 +63,8 @@ def hand_text():
     for curve, numbers, zero in ((0, range(16), 0.0), (1, range(15, 18), 3.0)):
         for i, k in enumerate(numbers):
             y = (HAND_Y[k] - zero) * 1e-3
-            lines.append(f"setp comp-{curve}.x-val-{i:02d} {HAND_X[k]:.10f}")
-            lines.append(f"setp comp-{curve}.y-val-{i:02d} {y:.10f}")
+            lines.append(f"setp comp-0-1-{curve}.x-val-{i:02d} {HAND_X[k]:.10f}")
+            lines.append(f"setp comp-0-1-{curve}.y-val-{i:02d} {y:.10f}")
     return HAND.format(points="\n".join(lines))
 
 
@@ -120,7 +122,7 @@ def applied(text, positions, a=0, b=1):
     hal, found = Hal(text), []
     for x in np.asarray(positions) * 1e3:
         hal.period({f"joint.{a}.pos-cmd": x, f"joint.{b}.motor-pos-cmd": 0.0})
-        found.append(hal.get("comp-cmd.out") * 1e-3)
+        found.append(hal.get(f"comp-{a:x}-{b:x}-cmd.out") * 1e-3)
     return np.array(found)
 
 
@@ -187,10 +189,10 @@ def test_feedback_shows_the_command_without_the_correction():
     hal = Hal(hand_text())
     joints = {"joint.0.pos-cmd": 12.0, "joint.1.motor-pos-cmd": 5.0}
     hal.period(joints)
-    hal.put("comp-fb.in0", hal.get("comp-cmd.out"))  # an ideal drive: 5.003 mm
+    hal.put("comp-0-1-fb.in0", hal.get("comp-0-1-cmd.out"))  # an ideal drive: 5.003 mm
     hal.period(joints)
 
-    assert hal.get("comp-cmd.out") == pytest.approx(5.003, abs=1e-12)
+    assert hal.get("comp-0-1-cmd.out") == pytest.approx(5.003, abs=1e-12)
     assert hal.get("joint.1.motor-pos-fb") == pytest.approx(5.0, abs=1e-12)
 
 
@@ -340,8 +342,28 @@ def test_every_line_that_is_lost_doubled_or_exchanged_is_noticed(dialect, tmp_pa
                 dialect.decode("".join(damaged).encode(), path)
 
 
+def test_a_file_of_old_is_read_and_names_of_two_files_differ(dialect):
+    old = hand_text().replace("comp-0-1-s-", "comp-sum-").replace("comp-0-1-", "comp-")
+    assert dialect.decode(old.encode(), Path(os.devnull)).forward.tolist() == (
+        dialect.decode(hand_text().encode(), Path(os.devnull)).forward.tolist()
+    )
+    mixed = hand_text().replace("comp-0-1-cmd.out", "comp-0-2-cmd.out")
+    with pytest.raises(CorruptFileError, match="not that of a lincurve chain"):
+        dialect.decode(mixed.encode(), Path(os.devnull))
+    table = CompensationTable([0.0, 1e-3], [0.0, 1e-6], None, "X", "Z", 0.0)
+    names = [
+        set(
+            re.findall(
+                r"comp-[\w-]+", dialect.encode(table, source_joint=0, target_joint=t).data.decode()
+            )
+        )
+        for t in (1, 2)
+    ]
+    assert not names[0] & names[1]
+
+
 def test_comments_and_blanks_do_not_matter(dialect, tmp_path):
-    text = hand_text().replace("addf comp-0 ", "\n# mine\naddf   comp-0  ") + "# end\n"
+    text = hand_text().replace("addf comp-0-1-0 ", "\n# mine\naddf   comp-0-1-0  ") + "# end\n"
 
     table = dialect.decode(text.encode(), tmp_path / "x.hal", target_joint=1)
 
@@ -399,7 +421,7 @@ def test_axes_that_turn_are_in_degrees(axis, compensates, unit, unit_c, comment,
     assert text.startswith(f"# metrosep: {comment}, 3 points\n")
     hal = Hal(text)
     hal.period({"joint.3.pos-cmd": 60.0, "joint.2.motor-pos-cmd": 5.0})
-    assert hal.get("comp-cmd.out") == pytest.approx(5.0005, abs=1e-12)
+    assert hal.get("comp-3-2-cmd.out") == pytest.approx(5.0005, abs=1e-12)
     back = controllers.read(path, "linuxcnc-lincurve")
     assert (back.axis, back.compensates) == (axis, compensates)
     assert back.positions == pytest.approx(table.positions, abs=2e-12)
@@ -434,13 +456,13 @@ def test_a_backslash_would_swallow_the_next_line(dialect, tmp_path):
     text = hand_text().replace("# adds", "# mine \\\n# adds")
     with pytest.raises(CorruptFileError, match="line 2 holds a backslash"):
         dialect.decode(text.encode(), tmp_path / "x.hal")
-    last = hand_text().replace("addf comp-0", "# path c:\\x\naddf comp-0")
+    last = hand_text().replace("addf comp-0-1-0", "# path c:\\x\naddf comp-0-1-0")
     with pytest.raises(CorruptFileError, match="backslash"):
         dialect.decode(last.encode(), tmp_path / "x.hal")
 
 
 @pytest.mark.parametrize(
-    "name", ["X\nsetp comp-fb.gain1 1", "X\\", "X\t", "\u03a7", "X (joint 7)"]
+    "name", ["X\nsetp comp-0-1-fb.gain1 1", "X\\", "X\t", "\u03a7", "X (joint 7)"]
 )
 @pytest.mark.parametrize("field", ["axis", "compensates"])
 def test_a_name_that_does_not_fit_into_a_comment_is_refused(name, field, dialect):
@@ -462,7 +484,9 @@ def test_the_comment_with_the_axes_is_found_wherever_it_stands(dialect, tmp_path
 
 @pytest.mark.parametrize("number", ["9" * 13, "1" * 5000, "0." + "1" * 5000])
 def test_endless_numbers_are_refused(number, dialect, tmp_path):
-    text = hand_text().replace("comp-0.y-val-04 -0.0002000000", f"comp-0.y-val-04 {number}")
+    text = hand_text().replace(
+        "comp-0-1-0.y-val-04 -0.0002000000", f"comp-0-1-0.y-val-04 {number}"
+    )
 
     with pytest.raises(CorruptFileError, match="once"):
         dialect.decode(text.encode(), tmp_path / "x.hal")
@@ -473,16 +497,24 @@ class TestLincurve(DialectContract):
     hand = hand_text()
     damage = (
         ("gain1 -1", "gain1 1", "line 5"),
-        ("comp-0.x-val-03 -21.0", "comp-0.x-val-03 -24.0", "line 12: the position does not rise"),
-        ("comp-1.x-val-00 12.0", "comp-1.x-val-00 13.0", "does not start at zero where comp-0"),
-        ("comp-1.y-val-00 0.0", "comp-1.y-val-00 0.1", "does not start at zero"),
+        (
+            "comp-0-1-0.x-val-03 -21.0",
+            "comp-0-1-0.x-val-03 -24.0",
+            "line 12: the position does not rise",
+        ),
+        (
+            "comp-0-1-1.x-val-00 12.0",
+            "comp-0-1-1.x-val-00 13.0",
+            "does not start at zero where comp-0-1-0",
+        ),
+        ("comp-0-1-1.y-val-00 0.0", "comp-0-1-1.y-val-00 0.1", "does not start at zero"),
         ("personality=16,3", "personality=16,2", "is not that of"),
         ("personality=16,3", "personality=17,3", "personality"),
-        ("setp comp-0.y-val-04 -0.0002000000", "setp comp-0.y-val-04 nan", "once"),
-        ("setp comp-0.y-val-04 -0.0002000000", "setp comp-0.y-val-04 -2e-4", "once"),
+        ("setp comp-0-1-0.y-val-04 -0.0002000000", "setp comp-0-1-0.y-val-04 nan", "once"),
+        ("setp comp-0-1-0.y-val-04 -0.0002000000", "setp comp-0-1-0.y-val-04 -2e-4", "once"),
         ("joint.0.pos-cmd", "joint.0.motor-pos-cmd", "wiring is missing"),
         ("joint.1.motor-pos-fb", "joint.2.motor-pos-fb", "joint.1.motor-pos-fb"),
-        ("addf comp-1 servo-thread", "addf comp-1 base-thread", "servo-thread"),
+        ("addf comp-0-1-1 servo-thread", "addf comp-0-1-1 base-thread", "servo-thread"),
         ("\n", "\r\n", "control characters"),
         ("X (joint", "\N{GREEK CAPITAL LETTER CHI} (joint", "not ASCII"),
     )

@@ -11,6 +11,7 @@ from metrosep.controllers.gcode.machine_programs import is_program, rewrite_mach
 from metrosep.core.errors import (
     DataError,
     LimitError,
+    ReadError,
     UnsupportedFeatureError,
     WriteError,
 )
@@ -318,3 +319,83 @@ def test_a_block_that_cannot_be_read_is_none_of_a_list(tmp_path):
     for text, wanted in (("N10 G1 X=5 Y3\n", True), ("X_mm,Y_mm\n1,2\n", False)):
         file.write_text(text)
         assert is_program(file) is wanted
+
+
+# ---- long programs ---------------------------------------------------------------------------------
+
+
+def long_program(blocks, *, turns):
+    """A path of short blocks with what stands between them; some turn alone under G94."""
+    rng = np.random.default_rng(blocks)
+    lines = ["%", "", "G21 G90 G94 G0 X10 Y5 Z30 A-20 C0", "M3 S900", "G1 F90"]
+    at = {"X": 10.0, "Y": 5.0, "Z": 30.0, "A": -20.0, "C": 0.0}
+    for i in range(blocks):
+        moved = "AC" if turns and i % 5 == 2 else "XYZC" if i % 3 else "YA"
+        for axis in moved:
+            at[axis] = float(np.clip(at[axis] + 6.0 * rng.normal(), -40, 40))
+        lines.append(" ".join(f"{a}{at[a]:.3f}" for a in moved))
+        lines += {7: ["", "M8"], 11: ["G0 Z41.", "G1"]}.get(i % 13, [])
+    return "\r\n".join([*lines, "; end", "M30"])
+
+
+def in_small_parts(monkeypatch, poses, size):
+    monkeypatch.setattr("metrosep.controllers.gcode.machine_programs.AT_ONCE", poses)
+    monkeypatch.setattr("metrosep.controllers.gcode.columns._BYTES", size)
+
+
+@pytest.mark.parametrize("poses", [2, 7])
+def test_a_program_in_parts_is_that_of_one_piece(tmp_path, monkeypatch, poses):
+    """Turns that are timed and blocks that are split lie across the borders of the parts."""
+    options = {"tolerance": 20 * NM, "rotary_feed": "linear"}
+    text = long_program(40, turns=True)
+    found, whole = corrected(tmp_path, text, **options)
+    assert found.audit["n_added"] > 20
+    assert found.audit["n_inverse_time"] > 6
+    assert ";METROSEP" in whole  # the comment that says how comments begin stands last
+    in_small_parts(monkeypatch, poses, 300)
+    again, parts = corrected(tmp_path, text, overwrite=True, **options)
+    assert parts == whole
+    assert again.n_points == found.n_points
+    assert again.messages == found.messages
+    assert again.after == pytest.approx(found.after, abs=1e-3 * NM)
+    for axis, ends in found.correction.items():
+        assert again.correction[axis] == pytest.approx(ends, abs=1e-3 * NM)
+
+
+def test_a_jump_between_two_parts_is_seen(tmp_path, monkeypatch):
+    """The largest step of A from pose to pose lies between the last pose of a part and the first of the next."""
+    text = "G21 G90 G94\nG0 X0 Y0 Z30 A-20 C0\nG1 X1 F100\nX2\nC90 X3\nX4\n"
+    options = {"max_step": 5e-6}
+    with pytest.raises(DataError, match=r"jumps by .* between poses 2 and 3"):
+        corrected(tmp_path, text, **options)
+    in_small_parts(monkeypatch, 3, 300)
+    with pytest.raises(DataError, match=r"jumps by .* between poses 2 and 3"):
+        corrected(tmp_path, text, overwrite=True, **options)
+
+
+def test_memory_does_not_grow_with_the_program(tmp_path, monkeypatch):
+    import tracemalloc
+
+    in_small_parts(monkeypatch, 30, 500)
+    peaks = []
+    for blocks in (60, 240):
+        text = long_program(blocks, turns=False)
+        tracemalloc.start()
+        corrected(tmp_path, text, overwrite=True, stroke=1e-3, rotary_feed="all")
+        peaks.append(tracemalloc.get_traced_memory()[1] - 3 * len(text))  # texts of this test
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]
+
+
+def test_a_program_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch):
+    from metrosep.controllers.gcode import machine_programs
+
+    def slow(*given, **options):
+        (tmp_path / "in.nc").write_text(PROGRAM.replace("X52.5", "X52.6"))
+        return words(*given, **options)
+
+    words = machine_programs.MachineWords
+    monkeypatch.setattr(machine_programs, "MachineWords", slow)
+    with pytest.raises(ReadError, match="changed while it was read"):
+        corrected(tmp_path)
+    assert not (tmp_path / "out.nc").exists()

@@ -76,10 +76,45 @@ def test_axis_that_turns_is_in_rad():
         CompensationMap([0.0, 1e-3], angles, np.zeros((3, 2)), ("X", "C"), "Z")
     )
 
-    assert made.data.startswith(b"x_mm,y_rad,correction_um\n0,0,0\n1,0,0\n0,1.0471975511965976,")
-    found = NeutralMap().decode(made.data, NOWHERE)
-    assert found.y.tolist() == angles
-    assert found.axes == ("X", "C")
+    assert made.data.startswith(b"x_mm,c_rad,correction_um\n0,0,0\n1,0,0\n0,1.0471975511965976,")
+    of_old = made.data.replace(b"c_rad", b"y_rad")
+    for data in (made.data, of_old):
+        found = NeutralMap().decode(data, NOWHERE)
+        assert found.y.tolist() == angles
+        assert found.axes == ("X", "C")
+
+
+def test_columns_are_called_after_the_axes(tmp_path):
+    path = tmp_path / "m.csv"
+    table = CompensationMap([-0.5, 0.0, 0.5], [0.0, 1.0], VALUES, ("A", "C"), "X")
+
+    controllers.write(table, path, "csv-map", allow_unverified=True)
+
+    assert path.read_text().startswith("a_rad,c_rad,correction_um\n-0.5,0,0\n0,0,-1.5\n")
+    assert controllers.read(path, "csv-map").axes == ("A", "C")
+    sidecar_path(path).unlink()
+    assert controllers.read(path, "csv-map").axes == ("A", "C")
+    path.write_text(path.read_text().replace("a_rad,c_rad", "c_rad,a_rad"))
+    assert controllers.read(path, "csv-map").axes == ("C", "A")
+    sidecar_path(path).write_text('{"table": {"axes": ["A", "C"]}}')
+    with pytest.raises(CorruptFileError, match="columns are of C and A, its sidecar says A and C"):
+        controllers.read(path, "csv-map")
+
+
+@pytest.mark.parametrize("header", ["a_mm,c_rad", "x_rad,b_rad", "x_mm,z_rad"])
+def test_an_axis_in_the_unit_of_another_kind_is_refused(header):
+    with pytest.raises(CorruptFileError, match="an axis that turns is in rad"):
+        NeutralMap().decode(HAND.replace("x_mm,y_mm", header).encode(), NOWHERE)
+
+
+def test_axes_whose_names_make_no_columns_are_in_the_sidecar(tmp_path):
+    for axes in (("Y", "X"), ("joint 0", "joint 1")):
+        path = tmp_path / f"{axes[0]}.csv"
+        controllers.write(
+            CompensationMap(X, Y, VALUES, axes), path, "csv-map", allow_unverified=True
+        )
+        assert path.read_text() == HAND
+        assert controllers.read(path, "csv-map").axes == axes
 
 
 @given(

@@ -43,6 +43,82 @@ def test_an_oblique_section_keeps_short_waves(length, phase, a, b, amplitude, by
         assert found == pytest.approx(expected, abs=5 * READ)  # printed with five to six digits
 
 
+STEP_HEIGHT = 600 * NM
+TEXTURE = 5 * NM
+"""Half of the P-V of the texture on both faces: what lies between pixels is of its size."""
+
+
+def stepped(degrees, texture=0.0):
+    """Return a face 600 nm above another, their edge turned, a wave of three pixels and a bit on both."""
+    j, i = np.mgrid[:120, :120].astype(float)
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    z = STEP_HEIGHT * ((i - 59.7) * c + (j - 60.4) * s > 0.0)
+    return ms.Surface(z + texture * np.sin(2 * np.pi * (i + 0.3 * j) / 3.3), 1.0, 1.0)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 90.0, 180.0, 31.0, 135.0])
+def test_a_section_across_a_step_is_as_high_as_the_step_wherever_it_runs(degrees):
+    for y in (60.0, 60.5, 61.3):  # on a row of pixels, between two, beside one
+        for a, b in (
+            ((10.5, y), (109.5, y)),
+            ((y, 10.3), (y, 109.3)),
+            ((20.2, y), (99.1, y + 31.0)),
+        ):
+            z = section_profile(stepped(degrees), a, b).z
+            assert z.max() <= STEP_HEIGHT + 1e-9 * NM  # rounding; sinc and plane overshoot by 9 %
+            assert z.min() >= -1e-9 * NM
+            rough = section_profile(stepped(degrees, TEXTURE), a, b).z
+            # a wave bends by twice its amplitude at most, along x and along y
+            assert rough.max() <= STEP_HEIGHT + 5 * TEXTURE
+            assert rough.min() >= -5 * TEXTURE
+
+
+def test_a_round_section_and_a_height_do_not_overshoot_at_a_step():
+    step = stepped(31.0)
+    ring = circle_section(step, (60.2, 59.9), 40.0).z
+    assert np.ptp(ring) == pytest.approx(STEP_HEIGHT, abs=1e-9 * NM)
+    beside = [height_at(step, (x, 60.5)) for x in np.arange(50.0, 70.0, 0.25)]
+    assert 0.0 <= min(beside) < max(beside) <= STEP_HEIGHT + 1e-9 * NM
+
+
+def test_a_pixel_that_stands_out_does_not_ring():
+    z = np.zeros((40, 40))
+    z[20, 20] = STEP_HEIGHT
+    cut = section_profile(ms.Surface(z, 1.0, 1.0), (5.0, 20.5), (35.0, 20.5)).z
+    assert cut.min() == pytest.approx(0.0, abs=1e-9 * NM)
+    assert cut.max() == pytest.approx(STEP_HEIGHT / 2, abs=1e-9 * NM)
+
+
+@pytest.mark.parametrize("length", [3.0, 3.5, 4.0, 5.2, 8.0, 20.0, 100.0])
+def test_a_wave_in_any_direction_is_read_between_the_pixels_as_it_is(length):
+    """The reading of people.md, C-2, written out anew: what is held back at a step is not at a wave."""
+    for degrees in (0.0, 17.0, 45.0, 70.0):
+        k = (
+            2
+            * np.pi
+            / length
+            * np.array([np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))])
+        )
+        j, i = np.mgrid[:60, :60].astype(float)
+        z = np.cos(k[0] * i + k[1] * j + 0.4)
+        at = [(20.3, 30.2), (25.5, 25.5), (31.0, 28.7), (33.9, 35.0), (28.6, 33.1)]
+        for x, y in at:
+            expected = _plane_and_lanczos(z, x, y)
+            # heights of a wave of amplitude 1 m, through weights that add up to 1
+            assert height_at(ms.Surface(z, 1.0, 1.0), (x, y)) == pytest.approx(expected, abs=1e-9)
+
+
+def _plane_and_lanczos(z, x, y):
+    i, j = np.arange(int(x) - 3, int(x) + 5), np.arange(int(y) - 3, int(y) + 5)
+    X, Y = (v.ravel() for v in np.meshgrid(i - x, j - y))
+    basis = np.stack([np.ones_like(X), X, Y, X * Y], axis=1)
+    patch = z[np.ix_(j, i)].ravel()
+    found = np.linalg.lstsq(basis, patch, rcond=None)[0]
+    a, b = (np.sinc(v) * np.sinc(v / 4) for v in (j - y, i - x))
+    weights = np.outer(a / a.sum(), b / b.sum()).ravel()
+    return found[0] + weights @ (patch - basis @ found)
+
+
 def test_a_band_damps_the_waves_across_it_by_the_closed_form():
     j = np.arange(80.0)
     surface = ms.Surface(

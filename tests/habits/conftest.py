@@ -5,6 +5,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from contracts.sources import trees
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -12,12 +13,8 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 @pytest.fixture(scope="session")
 def modules() -> dict[str, ast.Module]:
     """Syntax tree of every module of metrosep, by its path inside the repository."""
-    sources = sorted((REPOSITORY / "metrosep").rglob("*.py"))
-    assert sources
-    return {
-        path.relative_to(REPOSITORY).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
-        for path in sources
-    }
+    assert trees()
+    return {path.relative_to(REPOSITORY).as_posix(): tree for path, tree in trees().items()}
 
 
 @pytest.fixture(scope="session")

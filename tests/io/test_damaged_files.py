@@ -186,3 +186,9 @@ def test_a_long_line_of_numbers_with_one_odd_byte_is_looked_through_once(tmp_pat
     row = b" ".join(b"-1.0000000000000%d" % k for k in range(3000))
 
     assert outcome(tmp_path / "long.dat", row + b"\n\x85\x01 1 2\n") is None
+
+
+def test_an_archive_with_a_member_without_a_name_is_refused(tmp_path):
+    name, content = damaged(908308)
+
+    assert outcome(tmp_path / name, content) is None

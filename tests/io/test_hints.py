@@ -236,3 +236,127 @@ def test_hints_of_a_recipe_are_keys_of_its_input(untidy, capsys, name):
         return re.findall(r'(\w+) = "([^"]*)" in \[input\]', said)
 
     assert follow(call, hints_of) is None
+
+
+STANDARD = text(
+    "Reference data",
+    "File format:   ASCII",
+    "",
+    "Data:          1 Response (y = gap)",
+    "               8 Observations",
+    "               Lower difficulty",
+    "",
+    "        Starting values   Certified values",
+    "  b1 =    2.5   2.4E+00",
+    "Number of observations:   8",
+    "",
+    "Data:   y               x",
+    *(f"  {1.5 + 0.1 * (k % 3):.2f}E0   {k}.5E0" for k in range(8)),
+)
+TURNING = text(
+    "x_mm,z_um", *(f"{x},{0.1 * (k % 3):.1f}" for k, x in enumerate((0, 1, 2, 1.5, 3, 2.5, 4)))
+)
+SPIKE = text("x_mm,z_um", *(f"{x},{0.1 * (k % 3):.1f}" for k, x in enumerate((0, 1, 6, 3, 4, 5))))
+
+
+@pytest.mark.parametrize(
+    ("content", "steps", "x"),
+    [
+        (STANDARD, 2, [k + 0.5 for k in range(8)]),
+        (text(*ROWS), 1, X),
+        (TURNING, 1, [0, 1, 2, 3, 4]),
+        (SPIKE, 1, [0, 1, 3, 4, 5]),
+        (text("x_mm,z_um", "0,1", "1,oops", "2,1", "3,1", "4,bump", "5,1"), 2, [0, 2, 3, 5]),
+    ],
+    ids=["text above", "two units", "turns back", "one spike", "one line after the other"],
+)
+def test_each_hint_is_complete_and_keeps_what_was_given(tmp_path, content, steps, x):
+    path = tmp_path / "data.txt"
+    path.write_text(content, "utf-8")
+    given: dict[str, str] = {}
+    for _ in range(steps):
+        with pytest.raises(ms.errors.MetrosepError) as caught:
+            ms.read(path, **given)
+        hints = dict(re.findall(r"(unit|skip_\w+)='([^']*)'", str(caught.value)))
+        name = next(iter(hints))
+        given[name] = hints[name].replace("um", "mm")  # what a person knows
+
+    assert list(ms.read(path, **given).x) == pytest.approx([1e-3 * v for v in x], abs=1e-15)
+
+
+def test_a_second_word_for_not_measured_stands_beside_the_first(tmp_path):
+    path = tmp_path / "data.csv"
+    path.write_text(text("x_mm,z_um", "0,1", "1,-9999", "2,oops", "3,1", "4,2", "5,3"), "utf-8")
+
+    with pytest.raises(ms.errors.MetrosepError, match="missing='-9999,oops'"):
+        ms.read(path, missing="-9999")
+
+    assert np.isnan(ms.read(path, missing="-9999,oops").z[[1, 2]]).all()
+
+
+def test_names_far_above_text_and_rows_are_not_taken_from_another_table(tmp_path):
+    path = tmp_path / "data.txt"
+    path.write_text(STANDARD, "utf-8")
+
+    with pytest.raises(ms.errors.MetrosepError, match="skip_rows='12'") as caught:
+        ms.read(path)
+
+    assert "if line 8" in str(caught.value)
+
+
+def test_a_row_of_units_alone_gives_units_not_names(tmp_path):
+    path = tmp_path / "data.txt"
+    path.write_text(text("mm um", *ROWS), "utf-8")
+
+    profile = ms.read(path)
+
+    assert profile.x[1] == pytest.approx(1e-4, abs=1e-15)
+    assert profile.z[1] == pytest.approx(Z[1] * 1e-6, abs=1e-15)
+
+
+def test_info_says_why_a_table_is_no_object_and_refuses_with_options_that_make_none(
+    tmp_path, capsys
+):
+    path = tmp_path / "data.csv"
+    path.write_text(UNTIDY["three"].replace("_mm", "").replace("_um", ""), "utf-8")
+
+    code, said = code_and_words(capsys, "info", str(path))
+    assert code == 0
+    assert "no object has 3 column(s) of numbers" in said
+    code, said = code_and_words(capsys, "info", str(path), "--unit", "um")
+    assert code == 4
+    assert "3 column(s) of numbers" in said
+
+
+REFUSED = ("st/nonsense_txt_file.txt", "upm/D906-1-result.txt")
+"""Files of the corpus that hold no measurement."""
+
+
+def corpus_files():
+    import os
+    from pathlib import Path
+
+    folder = Path(
+        os.environ.get("METROSEP_CORPUS", Path(__file__).parents[3] / "shared" / "corpus")
+    )
+    every = sorted(folder.rglob("*"))
+    return [
+        str(p.relative_to(folder))
+        for p in every
+        if p.is_file() and p.suffix not in (".md", ".tsv", ".json")
+    ]
+
+
+@pytest.mark.parametrize("name", corpus_files())
+def test_info_of_a_real_file_gets_on_with_the_hints_that_it_prints(corpus, capsys, name):
+    words = ["info", str(corpus / name)]
+    for _ in range(4):
+        code, said = code_and_words(capsys, *words)
+        if code == 0 or name in REFUSED:
+            break
+        assert not any(u in said for u in UNKNOWN), said
+        fresh = [(k, n, v) for k, n, v in printed(said) if v and f"{n}={v}" not in words]
+        is_key, option, value = fresh[0]
+        words += ["--set", f"{option}={value}"] if is_key else [f"--{option}", value]
+
+    assert code == (4 if name in REFUSED else 0), said

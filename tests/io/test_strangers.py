@@ -641,3 +641,66 @@ def test_a_time_that_falls_is_named_by_its_line(put):
     ):
         ms.read(put(text))
     assert len(ms.read(put(text), skip_lines="11")) == N - 1
+
+
+COUNTED = [f"{k} {x} {z}" for k, (x, z) in enumerate(zip(X, Z, strict=True))]
+ABOVE_UNITS = ";Weg;Höhe;Bemerkung\n;[mm];[µm];"
+HABITS = {
+    "pandas to_string: numbered rows have no name": "\n".join(
+        ["   x_mm z_um", *COUNTED, ""]
+    ).encode(),
+    "a nameless counter above a row of units": table(
+        ABOVE_UNITS, lambda k, x, z: f"{k};{x};{z};ok"
+    ).encode(),
+    "the micro sign of GB18030, of which two bytes are digits": table(
+        "Weg [mm];Höhe [\u00b5m]", lambda k, x, z: f"{x};{z}"
+    ).encode("gb18030"),
+    "minus signs of GB18030": table("x [mm];z [um]", lambda k, x, z: f"{x};{z}")
+    .replace("-", "\u2212")
+    .encode("gb18030"),
+    "an empty column and one of temperatures": table(
+        "x_mm,spare,T {°C},z_um", lambda k, x, z: f"{x},,20.{k % 9},{z}"
+    ).encode(),
+    "the count of a database below blanks": (
+        table("x_mm z_um", lambda k, x, z: f"{x} {z}") + "(30 rows)\n"
+    ).encode(),
+    "a title of as many words as columns": table(
+        "Roughness profile Ra\n#\tx_mm\tz_um", lambda k, x, z: f"{k}\t{x}\t{z}"
+    ).encode(),
+    "a nameless counter before names in quotes": table(
+        ',"Weg {mm}","Höhe {µm}"', lambda k, x, z: f"{k},{x},{z}"
+    ).encode(),
+    "units below names, and a footer": (
+        "Device: P7\nRate: 1\n"
+        + table("Weg,Höhe,Remark,spare\n[mm],[µm],,", lambda k, x, z: f"{x},{z},,")
+        + "End of file\n"
+    ).encode("utf-16"),
+}
+
+
+@pytest.mark.parametrize("habit", HABITS)
+def test_habits_of_writers_change_no_value(tmp_path, habit):
+    path = tmp_path / "data.csv"
+    path.write_bytes(HABITS[habit])
+
+    profile = ms.read(path)
+
+    assert profile.x == pytest.approx([v * 1e-3 for v in X], abs=TIGHT)
+    assert profile.z == pytest.approx([v * 1e-6 for v in Z], abs=TIGHT)
+
+
+@pytest.mark.parametrize(
+    ("top", "row", "damaged"),
+    [
+        ("x_mm;z_um;remark", lambda k, x, z: f"{x};{z};", "2.5;"),
+        ("x_mm;z_um;spare;remark", lambda k, x, z: f"{x};{z};;ok", "2.5;;ok"),
+    ],
+    ids=["words that are empty in other rows", "a word in a column that was empty"],
+)
+def test_a_lost_field_before_a_column_of_words_is_refused_by_its_line(put, top, row, damaged):
+    lines = table(top, row).split("\n")
+    lines[11] = damaged
+    lines[25] += "hit" * lines[25].endswith(";")
+
+    with pytest.raises(ms.errors.ReadError, match="line 12"):
+        ms.read(put("\n".join(lines)))

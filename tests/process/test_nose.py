@@ -71,21 +71,21 @@ def test_rake_error_of_the_paper_and_as_a_radius_error():
 
 
 def cut_with_rake(tip, rho, theta, R, rake, sign):
-    """Brute force: lower the tilted edge of 4001 points onto a point, over the path of a circle.
+    """Brute force: lower the tilted edge of 401 points onto a point, over the path of a circle.
 
     The edge passes over the point at each of its own points: there X and azimuth of the tip follow
     from the position of the point of the edge, which leaves the plane of the axis by w sin(rake).
     """
     low, high = -1.0, 1.0
     for _ in range(3):  # all of it, then twice about the lowest
-        psi = np.linspace(low, high, 4001)
+        psi = np.linspace(low, high, 401)
         up = R * (1 - np.cos(psi))
         across = -sign * up * math.sin(rake)
         along = np.sqrt(rho**2 - across**2)
         heights = tip(along - R * np.sin(psi), theta - np.arctan2(across, along))
         heights = heights + up * math.cos(rake)
         k = int(heights.argmin())
-        low, high = psi[max(k - 3, 0)], psi[min(k + 3, 4000)]
+        low, high = psi[max(k - 3, 0)], psi[min(k + 3, 400)]
     return heights.min()
 
 

@@ -175,8 +175,8 @@ def test_maps():
 @pytest.mark.parametrize(
     ("options", "error", "match"),
     [
-        ({"method": "donaldsen"}, DataError, "did you mean 'donaldson'"),
-        ({"method": "donaldson", "u_indx": 1e-3}, OptionError, "did you mean 'u_index'"),
+        ({"method": "donaldsen"}, DataError, 'Did you mean "donaldson"'),
+        ({"method": "donaldson", "u_indx": 1e-3}, OptionError, 'Did you mean "u_index"'),
         ({"method": "donaldson", "u_index": "1 mm"}, UnitError, "u_index = '1 mm'.*angle"),
         ({"method": "face_reversal"}, OptionError, "needs the option 'radius'"),
         ({"method": "donaldson", "lag": 1e-3}, OptionError, "no option 'lag'"),

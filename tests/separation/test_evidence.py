@@ -9,7 +9,13 @@ from scipy.stats import f as f_distribution
 from metrosep import Run, RunSet
 from metrosep.errors import DataError, NotSeparableError
 from metrosep.separation import ErrorEstimate, machine_axis, separate as separate_runs
-from metrosep.separation.runs.evidence import evidence_columns, evidence_table, said_lag
+from metrosep.separation.runs.evidence import (
+    evidence_columns,
+    evidence_table,
+    noise_peaks,
+    said_lag,
+)
+from metrosep.spectral.autoregressive import AutoregressiveModel
 
 SHORTEST = 1.5e-3
 """The shortest wave of the simulated axis is 3.3 mm; the harmonics below cost most of the time of a joint estimate."""
@@ -254,3 +260,22 @@ def test_a_strong_wave_off_the_grid_of_the_travel_is_not_called_missing_from_the
 def test_a_negative_lag_is_said_as_readings_that_lead():
     assert said_lag(1.25) == "lag the position by 1.25 ms"
     assert said_lag(-2.2068) == "lead the position by 2.21 ms"
+
+
+@pytest.mark.parametrize(
+    ("poles", "resonances"),
+    [
+        (((60.0, 0.99), (200.0, 0.99)), (60.0, 200.0)),
+        # 6.3 at 111 Hz on the way to 15.5 at 150 Hz: it falls by less than a factor of 2 between them
+        (((150.0, 0.98), (110.0, 0.96)), (150.0,)),
+    ],
+)
+def test_a_bump_on_the_flank_of_a_resonance_is_not_another(poles, resonances):
+    polynomial = np.ones(1)
+    for hz, radius in poles:
+        own = [1.0, -2.0 * radius * np.cos(2.0 * np.pi * hz * 1e-3), radius**2]
+        polynomial = np.convolve(polynomial, own)
+
+    found = noise_peaks(AutoregressiveModel(-polynomial[1:], 1.0, 1e-3))
+
+    assert sorted(found) == pytest.approx(resonances, abs=1.0)

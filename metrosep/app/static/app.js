@@ -16,7 +16,9 @@ import { KEYS, listenToKeys } from "./keys.js";
 import { makeLadder } from "./ladder.js";
 import { mendButtons, scaleLine } from "./mends.js";
 import { makeMetrics } from "./metrics.js";
+import { grooveOf } from "./profile.js";
 import { makeLengths, makeMemory } from "./remember.js";
+import { written } from "./shapes.js";
 import { make as makeCompare } from "./tab_compare.js";
 import { make as makeFolder } from "./tab_folder.js";
 import { make as makeMachine } from "./tab_machine.js";
@@ -55,14 +57,17 @@ const tree = makeTree(el("steps"), {
   choose() {
     views.newRange();
     drawStage();
+    views.profile.put({ groove: grooveOf(session.steps, tree.chosen) });
     views.show();
   },
   size: () => views.size(),
+  middle: () => views.middle(),
 });
 const views = makeViews({
   wire, level: () => ladder.level, stage: () => tree.chosen, kind: () => session.kind ?? "none", failed: fail,
-  judged: () => shownStep()?.op === "psd", shown: memory.put, learn: (header) => drawing.learn(header), lines: () => drawing.lines(),
+  judged: () => shownStep()?.op === "psd", shown: memory.put, learn: (header) => drawing.learn(header), reached: (failed) => drawStage(failed), lines: () => drawing.lines(),
   insert: (step, label) => tree.insert(step, label),
+  grooved: ({ index, ...lengths }) => edit(Object.entries(lengths).map(([key, value]) => ({ path: ["step", index, key], old: session.steps[index].keys[key], new: written(value) })), "move the groove"),
 });
 const drawing = makeDrawing({
   el: el("map"), bar: el("tools"), list: el("shapes"), session: () => session, edit, insert: tree.insert, say: alertText,
@@ -89,7 +94,7 @@ const tabs = makeTabs(el("tabs"), [
   { id: "view", label: (one) => (one.kind === "map" ? "Map" : "Profile"), fits: isOf("map", "profile"), make: null },
   { id: "runs", label: () => "Runs", fits: isOf("runs"), make: makeRuns },
   { id: "ranking", label: () => "Ranking", fits: (one) => one.kind === "method" && one.op === "rank", make: makeRanking },
-  { id: "machine", label: () => "Machine", fits: (one) => one.kind === "method" && ["calibrate", "circle", "thermal", "iso230_7"].includes(one.op), make: makeMachine },
+  { id: "machine", label: (one) => (["calibrate", "circle", "thermal", "iso230_7"].includes(one.op) ? "Machine" : "Pictures"), fits: (one) => one.kind === "method" && one.op !== "rank", make: makeMachine },
   { id: "table", label: () => "Table", fits: isOf("runs"), make: makeTable },
   { id: "report", label: () => "Report", fits: () => true, make: makeReport },
   { id: "compare", label: () => "Compare", fits: () => true, make: makeCompare },
@@ -206,6 +211,7 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
   drawSession();
   tree.show(session, schema);
   drawing.show();
+  views.profile.put({ groove: grooveOf(session.steps, tree.chosen) });
   if (changed) metrics.stale();
   metrics.show(session);
   drawStage();
@@ -334,6 +340,7 @@ const acts = {
   recipe: () => showText("Recipe", session.recipe ?? ""), help: () => showHelp(KEYS, version),
   fit: () => views.fit(), "profile-fit": () => views.fit(),
   messages: () => showText("Messages", [...(session.messages ?? []), ...notes].join("\n\n")),
+  "section-add": () => (/** @type {HTMLElement} */ (document.querySelector("#parts button")).click(), drawing.addLine()), // a narrow page shows the picture first
 };
 for (const [id, act] of Object.entries(acts)) el(id).addEventListener("click", act);
 listenToKeys({

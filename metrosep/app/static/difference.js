@@ -35,9 +35,10 @@ export function joined(lines) {
 /**
  * Two maps beside one another in the same colours: one window, one cursor.
  * @param {(side: "a" | "b", view: Dict) => Promise<import("./wire.js").Answer>} ask
+ * @param {() => boolean} known whether there is another result: a map that is cleared moves its view too
  * @param {(error: unknown) => void} fail
  */
-function makeSides(ask, fail) {
+function makeSides(ask, known, fail) {
   const el = document.createElement("div");
   el.className = "side-row";
   el.hidden = true;
@@ -59,7 +60,7 @@ function makeSides(ask, fail) {
     model.on("change:cursor", () => other().model.put({ linked: model.get("cursor") }));
     mapWidget.render({ model, el: map });
     async function load() {
-      if (el.hidden) return;
+      if (el.hidden || !known()) return;
       const view = model.get("view");
       try {
         const { header, arrays } = await ask(side, { window: model.get("extent") ? view?.window ?? null : null, pixels: view?.pixels ?? [512, 512] });
@@ -111,7 +112,7 @@ export function makeDifference(el, wire, fail) {
   const model = makeModel({ colours: preferred("colours", "viridis") }, (changes) => {
     if ("view" in changes || "limits" in changes) ask();
   });
-  const sides = makeSides((side, view) => wire.ask("compare", { against: besides, picture: { of: side, ...view } }, `compare ${side}`), fail);
+  const sides = makeSides((side, view) => wire.ask("compare", { against: besides, picture: { of: side, ...view } }, `compare ${side}`), () => besides !== null, fail);
   mapRow.after(sides.el);
   const toggle = document.createElement("button");
   Object.assign(toggle, { type: "button", className: "small", textContent: "side by side", title: "Both maps with one cursor, or their difference" });

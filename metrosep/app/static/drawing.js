@@ -177,7 +177,12 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
   function ready() {
     if (session().kind !== "map") return false;
     if (step > 0) return true;
-    say("This map has no lateral calibration, so that shapes have no lengths: give it its scale first.");
+    const give = Object.assign(document.createElement("button"), { type: "button", className: "small", textContent: "Give the scale\u2026" });
+    give.addEventListener("click", () => {
+      give.closest(".alert")?.remove();
+      /** @type {HTMLElement | null} */ (document.querySelector("#no-scale button"))?.click();
+    });
+    say("The file does not say how large a pixel of this map is, so that shapes have no lengths.", give);
     return false;
   }
 
@@ -326,6 +331,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
   drawAll();
   return {
     key, lines: () => linesOf(shapes()),
+    addLine: () => tool !== "section" && use("section"),
     /** What keys do, by letter. @type {Record<string, () => void>} */
     acts: { n: flip, ...Object.fromEntries(TOOLS.map(([letter, name]) => [letter.toLowerCase(), () => use(name)])) },
     /** Another recipe, or another file. */

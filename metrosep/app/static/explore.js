@@ -3,7 +3,7 @@
 // spectrum. What is wished goes to Python as traits, frames come back, as the server sends them.
 //
 // Traits: kind ("map" | "profile"), colours, height; a, b, band, limits, window (both sides write
-// them), view (written here); map_frame, section_frame, spectrum_frame, profile_frame (bytes).
+// them), cursors (the same), view (written here); map_frame, section_frame, spectrum_frame, profile_frame (bytes).
 
 import colourbarWidget from "./colourbar.js";
 import { si } from "./format.js";
@@ -174,12 +174,15 @@ function render({ model, el }) {
 
   function makeSection() {
     const { body, note } = box("section", "Section A–B");
-    const section = makeModel({ cursors: [0.25, 0.75] });
+    const section = makeModel({ cursors: model.get("cursors") ?? [0.25, 0.75] }, (changes) => {
+      if ("cursors" in changes) sender.wish({ cursors: changes.cursors });
+    });
     show(sectionWidget, section, body);
+    follow(section, ["cursors"]);
     return frames("section_frame", (header, arrays) => {
       section.put({
         low: arrays.low, high: arrays.high, length: header.length, pv: header.pv, sq: header.sq, unit: header.unit,
-        share_valid: header.share_valid, is_preview: header.is_preview, message: "", distance: arrays.distance,
+        share_valid: header.share_valid, is_preview: header.is_preview, message: "", heights: header.heights, distance: arrays.distance,
       });
       const share = header.share_valid < 1 ? `, ${(100 * header.share_valid).toFixed(1)}\u2009% measured` : "";
       note.textContent = `${si(header.length, header.unit)}${share}`;

@@ -60,7 +60,7 @@ function question(error, reading) {
     const asks = (/** @type {string} */ what) => fields.some((/** @type {any} */ one) => one.name === what);
     const title = asks("channel") ? "Which data set of the file?" : asks("row_order") ? "Which row of the map is on top?" : asks("sheet") ? "Which table of the file?"
       : sample?.lines?.some((/** @type {any} */ one) => one.kind === "refused") ? "One line does not fit: what does it mean?"
-      : !asks("x") && sample?.lines ? "How is the file written?" : asks("lateral_step") ? "Is it a map, or what do the columns hold?"
+      : asks("angle") ? "Is it a roundness trace, or what do the columns hold?" : !asks("x") && sample?.lines ? "How is the file written?" : asks("lateral_step") ? "Is it a map, or what do the columns hold?"
       : asks("feed") ? "Which column is what?" : "What do the columns hold?";
     return { title, text: error.message, fields, ok: "Open", sample: sampleOf(sample) };
   }

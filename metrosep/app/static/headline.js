@@ -28,10 +28,13 @@ export function makeHeadline({ session, stage, notes }) {
     drawMessages();
   }
 
-  function drawStage() {
+  /** What the picture shows. @param {number | null} [failed] the step that could not be run: the picture is of what came before */
+  function drawStage(failed = null) {
+    const op = (/** @type {number} */ k) => session().steps?.[k]?.op ?? "";
+    const after = (/** @type {number} */ k) => (k < 0 ? "as measured" : `after step ${k + 1}, ${op(k)}`);
     const i = stage();
-    const step = session().steps?.[i];
-    const words = i === -2 ? "as measured" : step ? `after step ${i + 1}, ${step.op}` : "after all steps";
+    const lost = failed !== null && (i === -1 || i >= failed);
+    const words = lost ? `${after(failed - 1)}: step ${failed + 1}, ${op(failed)}, failed` : i === -1 ? "after all steps" : after(i);
     el("map-stage").textContent = words;
     el("profile-stage").textContent = words;
   }

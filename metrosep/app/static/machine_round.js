@@ -14,11 +14,11 @@ const ROUND = 380;
  * @param {{ angle: number[], z: (number | null)[], thin?: boolean }[]} curves thin ones in the colour of a band
  * @param {string} unit
  * @param {string} what
- * @param {{ band?: { angle: number[], z: number[] }[], circles?: number[] }} [more]
+ * @param {{ band?: { angle: number[], z: number[] }[], circles?: number[], most?: number }} [more] most: of all that are enlarged alike
  */
-export function roundOf(curves, unit, what, { band = [], circles = [] } = {}) {
+export function roundOf(curves, unit, what, { band = [], circles = [], most = 0 } = {}) {
   const values = [...curves, ...band].flatMap((one) => one.z.filter((v) => v !== null).map((v) => Math.abs(Number(v))));
-  const most = Math.max(...values) || 1;
+  most ||= Math.max(...values) || 1;
   const ratio = window.devicePixelRatio || 1;
   const canvas = document.createElement("canvas");
   Object.assign(canvas, { width: ROUND * ratio, height: ROUND * ratio, className: "machine-round" });

@@ -50,7 +50,7 @@ export function scaleLine(make, session, length, scale) {
     const given = await askForm({
       title: "Scale of the map", ok: "Give the scale",
       text: "The file does not say how large a pixel is. The recipe will, for every file that it is run on.",
-      fields: [{ name: "step", label: "Size of a pixel", hint: "such as 3 um" },
+      fields: [{ name: "step", label: "Size of a pixel, or its width and height", hint: "such as 3 um, or 2 um x 3 um" },
         ...(px > 0 ? [{ name: "known", label: `or the length of the section A\u2013B, which is ${si(px, "px")}`, hint: "such as 2 mm" }] : [])],
     });
     if (!given?.step && !given?.known) return;

@@ -7,6 +7,9 @@ import { powers, scaleFor, si } from "./format.js";
 
 /** @typedef {Record<string, any>} Dict */
 
+/** Units of values that a limit may be typed in. */
+const TYPED = new Set(["pm", "nm", "µm", "mm", "m", "nrad", "µrad", "mrad", "rad", "in", "µin"]);
+
 /** One place that says what a verdict looks like. */
 export const VERDICTS = /** @type {Record<string, { sign: string, word: string }>} */ ({
   accept: { sign: "✓", word: "Accepted" },
@@ -99,21 +102,31 @@ export function makeMetrics(el, verdictEl, edit) {
     return td;
   }
 
-  function limitForm(/** @type {Dict} */ check, /** @type {number | null} */ index) {
+  /** The unit in which a value is shown: that of a limit typed beside it without one; "" where none is shown. @param {Dict | undefined} row */
+  function unitOf(row) {
+    if (!row || row.waits || typeof row.value !== "number") return "";
+    const [, unit] = scaleFor(Math.max(Math.abs(row.value), 2 * (row.u ?? 0)), row.unit);
+    return TYPED.has(unit) ? unit : "";
+  }
+
+  function limitForm(/** @type {Dict} */ check, /** @type {number | null} */ index, /** @type {Dict | undefined} */ of) {
+    const unit = unitOf(of);
     const row = document.createElement("tr");
     const td = document.createElement("td");
     td.colSpan = 4;
     const form = document.createElement("form");
     form.className = "limit-form";
+    const such = (/** @type {number} */ n) => `such as ${n}${["1", ""].includes(of?.unit) ? "" : ` ${unit || "nm"}`}`;
     const fields = /** @type {[string, string, string][]} */ ([
-      ["lower", "lower limit", "none"], ["upper", "upper limit", "such as 150 nm"], ["U", "U (k = 2)", "such as 8 nm"],
+      ["lower", "lower limit", "none"], ["upper", "upper limit", such(150)], ["U", "U (k = 2)", such(8)],
     ]);
     /** @type {Record<string, HTMLInputElement>} */
     const inputs = {};
     for (const [key, text, hint] of fields) {
       const label = document.createElement("label");
-      label.textContent = text;
+      label.textContent = unit ? `${text} / ${unit}` : text;
       const input = document.createElement("input");
+      input.title = unit ? `A number without a unit is in ${unit}, as the value beside it` : "";
       input.type = "text";
       input.spellcheck = false;
       input.value = check[key] === undefined ? "" : String(check[key]);
@@ -148,7 +161,8 @@ export function makeMetrics(el, verdictEl, edit) {
         const words = inputs[key].value.trim();
         const plainNumber = /^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(words);
         if (words === "") delete next[key];
-        else next[key] = plainNumber ? Number(words) : words;
+        else if (plainNumber && String(check[key] ?? "") === words) continue; // as it stands in the recipe
+        else next[key] = !plainNumber ? words : unit ? `${words} ${unit.replace("µ", "u")}` : Number(words);
       }
       open = null;
       edit([{ path: ["check", index ?? (session?.checks ?? []).length], old: index === null ? null : check, new: next }],
@@ -213,7 +227,7 @@ export function makeMetrics(el, verdictEl, edit) {
       last.setAttribute("aria-label", last.title);
       tr.append(nameCell(name, detail, `check ${i}`, row?.definition ?? check.metric), ...valueCells(row, U), last);
       table.append(tr);
-      if (open === `check ${i}`) table.append(limitForm(check, i));
+      if (open === `check ${i}`) table.append(limitForm(check, i, row));
     });
     for (const [symbol, row] of rows) {
       if (used.has(symbol)) continue;
@@ -221,7 +235,7 @@ export function makeMetrics(el, verdictEl, edit) {
       tr.dataset.metric = symbol;
       tr.append(nameCell(symbol, "", `row ${symbol}`, row.definition), ...valueCells(row, row.u === null ? null : 2 * row.u), cell(""));
       table.append(tr);
-      if (open === `row ${symbol}`) table.append(limitForm({ metric: symbol }, null));
+      if (open === `row ${symbol}`) table.append(limitForm({ metric: symbol }, null, row));
     }
     el.replaceChildren(table);
     el.scrollTop = scrolled;
@@ -236,8 +250,8 @@ export function makeMetrics(el, verdictEl, edit) {
     word.className = "word";
     const none = !(session?.checks ?? []).length;
     const state = !found || found.is_preview ? null : VERDICTS[found.verdict];
-    if (none && !found?.mends?.length) word.textContent = "No limits set: click a metric";
-    else if (found?.failed) word.textContent = "No verdict: a step failed";
+    if (found?.failed) word.textContent = `No verdict: step ${found.failed.index + 1} failed`;
+    else if (none && !found?.mends?.length) word.textContent = "No limits set: click a metric";
     else if (found?.refused) {
       word.textContent = `No verdict: ${found.refused}`;
       if (found.mends?.length) word.append(mendButtons(found.mends, edit));

@@ -1,6 +1,8 @@
 // @ts-check
 // Edits of the recipe: what was there and what shall be. The page has no other state of its own.
 
+import { written } from "./shapes.js";
+
 /** @typedef {{ path: (string | number)[], old: any, new: any }} Edit */
 /** @typedef {Record<string, any>} Dict */
 
@@ -91,9 +93,10 @@ export function ownSize(kind, before, usual) {
  * @param {string} op
  * @param {string} kind map or profile
  * @param {number} size of what was measured, m
+ * @param {number} [middle] of what was measured, along x, m
  * @returns {Dict}
  */
-export function freshStep(op, kind, size) {
+export function freshStep(op, kind, size, middle = 0) {
   const length = size > 0 ? size : 1e-3;
   const mm = (/** @type {number} */ v) => `${Number((v * 1e3).toPrecision(3))} mm`;
   const width = mm(0.9 * length);
@@ -104,7 +107,7 @@ export function freshStep(op, kind, size) {
   if (op === "form") return { op, form: kind === "map" ? "plane" : "polynomial: degree=1" };
   if (op === "filter") return { op, kind: "gaussian", lambda_c: near(length / 5) };
   if (op === "psd") return { op, limit: `rms = 10 nm from ${near(length / 50)} to ${near(length / 5)}` };
-  if (op === "step_height") return { op, width: near(length / 5), middle: "0 mm" };
+  if (op === "step_height") return { op, width: near(length / 5), middle: written(middle) };
   if (op === "surface_profile" || op === "line_profile") return { op, form: "sphere: R=50 mm" };
   return { op };
 }

@@ -4,7 +4,8 @@
 // `others` are the curves of the sections in the recipe, [{name, index, x, low, high}], each in its colour.
 //
 // Traits: distance, low, high (arrays, NaN is a gap), length, pv, sq, share_valid, unit, is_preview,
-// message; cursors [0..1, 0..1], parts of the length (written here).
+// message; cursors [0..1, 0..1], parts of the length (written here); heights [[part, height]], read from
+// the map there. The columns hold many samples each: no number is read from them.
 
 import { si, spanned } from "./format.js";
 import { frame, gapped, ink, joined, makePlot, nearest, pointedAt, uprightHandle } from "./plots.js";
@@ -61,15 +62,17 @@ function render({ model, el }) {
   /** Curves of the recipe that are shown. @returns {{ name: string, index: number, curve: any[][] }[]} */
   const others = () => (model.get("others") ?? []).filter((/** @type {any} */ one) => !hidden.has(one.name));
 
-  /** Height at a part of the length: middle of the column there, null in a gap. */
-  function heightAt(/** @type {number} */ part) {
-    const at = nearest(own[0], part * length());
-    const [low, high] = [own[1][at], own[2][at]];
-    return low === null || low === undefined ? null : (low + high) / 2;
+  /** Height at a part of the length: null in a gap, undefined before it was read. @param {number} part @returns {number | null | undefined} */
+  function heightAt(part) {
+    const found = (model.get("heights") ?? []).find((/** @type {[number, number | null]} */ one) => one[0] === part);
+    return found?.[1];
   }
 
   function follow() {
-    grips.forEach((grip, k) => grip.follow(`${si(shown[k] * length(), unit())}, height ${si(heightAt(shown[k]))}`));
+    grips.forEach((grip, k) => {
+      const z = heightAt(shown[k]);
+      grip.follow(`${si(shown[k] * length(), unit())}, height ${z === undefined ? "…" : si(z)}`);
+    });
   }
 
   function tell() {
@@ -80,10 +83,11 @@ function render({ model, el }) {
     }
     const sign = model.get("is_preview") ? "≈ " : "";
     const [z1, z2] = shown.map(heightAt);
-    const dz = z1 === null || z2 === null ? null : z2 - z1;
+    const isRead = z1 !== undefined && z2 !== undefined;
+    const dz = typeof z1 !== "number" || typeof z2 !== "number" ? null : z2 - z1;
     const parts = [
       `Δx ${si(Math.abs(shown[1] - shown[0]) * length_, unit())}`,
-      `Δz ${sign}${dz === null ? "– (gap)" : si(dz)}`,
+      `Δz ${isRead ? `${sign}${dz === null ? "– (gap)" : si(dz)}` : "…"}`,
       `P-V ${sign}${si(model.get("pv"))}`,
       `Sq ${sign}${si(model.get("sq"))}`,
     ];
@@ -100,6 +104,7 @@ function render({ model, el }) {
     if (!shown.length) plot.put([...own, ...curves.flatMap(() => [own[0].map(() => null), own[0].map(() => null)])]);
     else plot.put(joined([own, ...curves.map((one) => one ?? NOTHING)]));
     names.replaceChildren(...(model.get("others") ?? []).map(nameOf));
+    follow();
     tell();
   }
 

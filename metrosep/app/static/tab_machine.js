@@ -1,5 +1,5 @@
 // @ts-check
-// Readings of a machine: its terms, what the readings do not determine, residuals, the volumetric error.
+// Pictures of a method: curves, about a circle too; of a machine its terms and what the readings do not determine.
 
 import { painted } from "./colours.js";
 import { places, plain, scaleFor, si, ticks } from "./format.js";
@@ -109,12 +109,18 @@ function spindleOf(chart) {
     roundOf(curves, unit, chart.title, { band: [{ angle, z: low }, { angle, z: high }], circles: [Math.min(...synchronous), Math.max(...synchronous)] })];
 }
 
-/** Return curves over an angle: the first panel about a circle too, where it is a whole turn. @param {Dict} chart */
+/** Return curves over an angle: about a circle too, the first panel or each, all enlarged alike. @param {Dict} chart */
 function curvesOf(chart) {
   const panels = chart.panels.flatMap((/** @type {Dict} */ panel) => panelOf(panel, chart));
   if (!chart.closed) return panels;
-  const [{ title, unit, curves }] = chart.panels;
-  return [roundOf(curves.map((/** @type {Dict} */ c) => ({ angle: c.x, z: c.y })), unit, title), ...panels];
+  const turned = chart.each ? chart.panels : chart.panels.slice(0, 1);
+  const all = (/** @type {Dict[]} */ some, /** @type {string} */ unit) => some.filter((one) => one.unit === unit).flatMap((one) => one.curves.flatMap((/** @type {Dict} */ c) => c.y)).filter((v) => v !== null);
+  return [make_("div", { className: "machine-rounds" }, ...turned.map((/** @type {Dict} */ panel) => {
+    const own = all([panel], panel.unit);
+    const circles = chart.each && panel.curves.length === 1 ? [Math.min(...own), Math.max(...own)] : [];
+    const round = roundOf(panel.curves.map((/** @type {Dict} */ c) => ({ angle: c.x, z: c.y })), panel.unit, panel.title || chart.title, { circles, most: Math.max(...all(turned, panel.unit).map(Math.abs)) });
+    return make_("figure", {}, round, ...(turned.length > 1 ? [make_("figcaption", { textContent: panel.title })] : []));
+  })), ...panels];
 }
 
 /** Return values with their uncertainty as bars. @param {Dict} chart */
@@ -246,13 +252,17 @@ export function make({ el, wire, session, schema, edit, fail }) {
     return [make_("label", { className: "machine-centre", title: known.help ?? "" }, "centre ", select)];
   }
 
+  /** What is about a circle is first, then maps. @param {Dict} chart */
+  const order = (chart) => (chart.closed ? 0 : chart.kind === "maps" ? 1 : 2);
+
   function draw(/** @type {Dict} */ found) {
-    const pictures = [...found.charts].sort((a, b) => Number(b.kind === "maps") - Number(a.kind === "maps"));
+    const pictures = [...found.charts].sort((a, b) => order(a) - order(b));
     scroll.replaceChildren(
       ...(found.rows.length ? [make_("h2", { textContent: "Terms, actual minus nominal" }), termsOf(found.rows)] : []),
       ...listOf("What the readings do not determine", found.null, "machine-null"),
       ...pictures.flatMap((/** @type {Dict} */ chart) => [make_("h2", { textContent: chart.title }),
         ...(chart.kind === "polar" && ["radial", "tilt"].includes(chart.direction) ? centres() : []), ...(DRAWN[chart.kind]?.(chart) ?? []), ...(chart.caption ? [make_("p", { className: "soft machine-caption", textContent: chart.caption })] : [])]),
+      ...(pictures.length || found.rows.length ? [] : [make_("p", { className: "soft", textContent: "This method draws nothing: its numbers are in the list beside, and in the report." })]),
       ...listOf("Messages", found.messages, "machine-messages"),
     );
   }

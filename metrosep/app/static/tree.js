@@ -14,8 +14,9 @@ import { freshStep, ownSize, reordered, storedSteps, summary, switched } from ".
  * @param {(edits: import("./recipe.js").Edit[], label: string) => void} options.edit
  * @param {(stage: number) => void} options.choose -2 measured, -1 all steps, else the step
  * @param {() => number} options.size of what was measured, m
+ * @param {() => number} options.middle of it along x, m
  */
-export function makeTree(el, { edit, choose, size }) {
+export function makeTree(el, { edit, choose, size, middle }) {
   /** @type {Dict | null} */
   let session = null;
   /** @type {Dict[]} */
@@ -147,7 +148,7 @@ export function makeTree(el, { edit, choose, size }) {
 
   function add(/** @type {string} */ op) {
     if (!session) return;
-    chosen = insert(freshStep(op, session.kind, size()), `add ${op}`);
+    chosen = insert(freshStep(op, session.kind, size(), middle()), `add ${op}`);
     choose(chosen);
   }
 

@@ -22,6 +22,8 @@ import { makeModel, Refusal, Superseded } from "./wire.js";
 /** @typedef {import("./ladder.js").Level} Level */
 /** @typedef {Record<string, any>} Dict */
 
+const WIDENED = 150; // ms after a plot last changed its width, when its columns are asked for anew
+
 /**
  * Return the pictures.
  * @param {object} options
@@ -34,9 +36,11 @@ import { makeModel, Refusal, Superseded } from "./wire.js";
  * @param {(view: Dict) => void} options.shown told what is to be remembered of the view
  * @param {() => number[][]} options.lines ends of sections
  * @param {(step: Dict, label: string) => void} options.insert a step
+ * @param {(failed: number | null) => void} options.reached told which step failed before what is shown
+ * @param {(groove: import("./profile.js").Groove) => void} options.grooved the groove of a step height was moved on a profile
  * @param {(header: Dict) => void} options.learn told what a picture of the map says of it
  */
-export function makeViews({ wire, level, stage, kind, judged, failed, shown, learn, lines, insert }) {
+export function makeViews({ wire, level, stage, kind, judged, failed, shown, learn, reached, lines, insert, grooved }) {
   const el = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
   let shade = false;
   let placed = false;
@@ -57,7 +61,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       shown(sectionView([map.get("a"), map.get("b")], map.get("unit") ?? "m"));
     }
   });
-  const section = makeModel({ cursors: [0.25, 0.75], others: [] });
+  const section = makeModel({ cursors: [0.25, 0.75], others: [] }, (changes) => "cursors" in changes && askSection());
   const spectrum = makeModel({ band: null }, (changes) => {
     if ("band" in changes) {
       askSpectrum();
@@ -79,7 +83,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
   heightsWidget.render({ model: heights, el: el("heights") });
   fourierWidget.render({ model: waves, el: el("waves2d"), act: insert, text: written });
   polarWidget.render({ model: polar, el: el("polar") });
-  profileWidget.render({ model: profile, el: el("profile") });
+  profileWidget.render({ model: profile, el: el("profile"), act: grooved });
 
   const { ask: askRelief, paint: paintRelief, pose: reliefPose } = makeReliefView({ wire, level, stage, kind, lines, epoch: () => epoch, refused, table: () => map.get("colours") });
 
@@ -122,6 +126,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       });
       if (String(map.get("extent")) !== String(header.extent)) map.put({ extent: header.extent });
       learn(header);
+      reached(header.failed);
       counted("map");
     } catch (error) {
       refused(error, (text) => {
@@ -149,11 +154,12 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     try {
       const { header, arrays } = await wire.ask("section", {
         stage: stage(), level: at, a: map.get("a"), b: map.get("b"), columns: Math.max(100, el("section").clientWidth - 70),
+        cursors: section.get("cursors"),
       });
       if (mine !== epoch) return;
       section.put({
         low: arrays.low, high: arrays.high, length: header.length, pv: header.pv, sq: header.sq, unit: header.unit,
-        share_valid: header.share_valid, is_preview: header.is_preview, message: "", distance: arrays.distance,
+        share_valid: header.share_valid, is_preview: header.is_preview, message: "", heights: header.heights, distance: arrays.distance,
       });
       const share = header.share_valid < 1 ? `, ${(100 * header.share_valid).toFixed(1)}\u2009% measured` : "";
       el("section-of").textContent = `${si(header.length, header.unit)}${share}`;
@@ -175,7 +181,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       section.put({ others });
       polar.put({ is_preview: header.is_preview, rounds: others.filter((/** @type {Dict} */ one) => one.kind === "circle") });
     } catch (error) {
-      refused(error, () => section.put({ others: [] }));
+      refused(error, () => (section.put({ others: [] }), polar.put({ rounds: [] })));
     }
   }
 
@@ -270,11 +276,24 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       });
       if (mine !== epoch) return;
       const one = (/** @type {string} */ name) => ({ x: arrays[`${name}_x`], low: arrays[`${name}_low`], high: arrays[`${name}_high`] });
+      reached(header.failed);
       profile.put({ is_preview: header.is_preview, message: "", series: { measured: one("measured"), residual: one("residual") } });
     } catch (error) {
       refused(error, (text) => profile.put({ series: {}, message: text }));
     }
   }
+
+  // a plot of another width has other columns
+  let widths = "";
+  let later = 0;
+  const sizes = new ResizeObserver(() => {
+    const now = ["section", "profile"].map((id) => el(id).clientWidth).join(" ");
+    if (now === widths) return;
+    widths = now;
+    clearTimeout(later);
+    later = window.setTimeout(() => void Promise.all([askSection(), askSections(), askProfile()]), WIDENED);
+  });
+  ["section", "profile"].forEach((id) => sizes.observe(el(id)));
 
   return {
     map, section, spectrum, profile,
@@ -329,6 +348,12 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       waves.put({ colours: name });
       paintRelief();
       shown({ colours: name });
+    },
+    /** Middle of what was measured along x, m. */
+    middle() {
+      const [x0, , x1] = map.get("extent") ?? [0, 0, 0];
+      const x = profile.get("series")?.measured?.x;
+      return x?.length ? (x[0] + x[x.length - 1]) / 2 : (x0 + x1) / 2;
     },
     /** Largest side of what was measured, m. */
     size() {

@@ -11,7 +11,8 @@ import contextlib
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
@@ -21,7 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep._version import __version__
-from metrosep.controllers.base import load_bytes, load_sidecar, refuse_existing, sidecar_path
+from metrosep.controllers.base import (
+    load_bytes,
+    load_sidecar,
+    paired_stream,
+    refuse_existing,
+    sidecar_path,
+)
 from metrosep.controllers.gcode.corrections import MAX_LOOKS, MAX_PARTS
 from metrosep.controllers.gcode.state import (
     ModalState,
@@ -492,11 +499,20 @@ def mark_text(axes: Sequence[str], audit: Mapping[str, Any]) -> str:
     return f"METROSEP CORRECTED {' '.join(axes)} {digest}"
 
 
-def marked(lines: Sequence[str], text: str, *, is_list: bool = False) -> list[str]:
+def comments_of(text: str) -> str:
+    """Return how comments of a program begin, by what a part of it shows: "(", ";" or "" for either."""
+    if "(" in _CALLED.sub("", text):
+        return "("
+    return ";" if ";" in text or _CALLED.search(text) else ""
+
+
+def marked(
+    lines: Sequence[str], text: str, *, is_list: bool = False, semicolon: bool | None = None
+) -> list[str]:
     """Return the first lines of a file with the mark as a comment of its own form.
 
-    In a program it follows the number of the program. A list without comments stays as it is: not
-    every reader of lists takes them.
+    In a program it follows the number of the program, and `semicolon` says how comments begin where
+    these lines do not show it. A list without comments stays as it is: not every reader of lists takes them.
     """
     if not lines:
         return []
@@ -509,7 +525,7 @@ def marked(lines: Sequence[str], text: str, *, is_list: bool = False) -> list[st
         return [*lines[: first + 1], made, *lines[first + 1 :]]
     at = next((i for i, v in enumerate(lines) if not _HEAD.fullmatch(v)), len(lines))
     whole = "".join(lines)
-    semicolon = (";" in whole or _CALLED.search(whole)) and "(" not in _CALLED.sub("", whole)
+    semicolon = comments_of(whole) == ";" if semicolon is None else semicolon
     made = (f";{text}" if semicolon else f"({text})") + end
     before = list(lines[:at])
     if before and not before[-1].endswith(("\r", "\n")):
@@ -534,12 +550,12 @@ def require_uncorrected(path: Path) -> None:
     found = _said(beside)
     if found is not None:
         with contextlib.suppress(OSError):
-            own = hashlib.sha256(path.read_bytes()).hexdigest() == found.get("file_sha256")
+            own = _sha256(path) == found.get("file_sha256")
             why = "" if own else " (changed since, or of a run that was cut off)"
             raise _corrected(path, beside, found, why)
     others = sorted(path.parent.glob("*.json")) if path.is_file() else []
     if others:
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        digest = _sha256(path)
         for other in others:
             said = _said(other) or {}
             if said.get("file_sha256") == digest != said.get("source_sha256"):
@@ -567,9 +583,74 @@ def _said(beside: Path) -> dict[str, Any] | None:
 
 def require_hash(path: Path, wanted: str) -> None:
     """Refuse a file that the disk does not hold as it was written."""
-    digest = hashlib.sha256()
-    with path.open("rb") as stream:
-        while piece := stream.read(1 << 20):
-            digest.update(piece)
-    if digest.hexdigest() != wanted:
+    if _sha256(path) != wanted:
         raise WriteError(f"{path}: the disk does not hold what was written; nothing was kept")
+
+
+def sidecar_of(
+    schema: str, start: Path, digests: Sequence[str], audit: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the sidecar of a corrected file: hashes of source and file, then how it was corrected."""
+    return {
+        "schema": f"metrosep.{schema}/1",
+        "metrosep": __version__,
+        "source": start.name,
+        "source_sha256": digests[0],
+        "file_sha256": digests[1],
+        **audit,
+    }
+
+
+def sidecar_text(sidecar: Mapping[str, Any]) -> str:
+    """Return a sidecar as it is written."""
+    return json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+
+def write_stream(
+    stream: BinaryIO,
+    start: Path,
+    end: Path,
+    rewritten: Callable[[list[str]], list[str]],
+    finish: Callable[[], tuple[list[str], bool]],
+    said: Callable[[list[str]], Mapping[str, Any]],
+    *,
+    mark: str,
+    semicolon: bool | None = None,
+    again: bool,
+    overwrite: bool,
+) -> None:
+    """Rewrite a program piece by piece; the sidecar is written when the program lies whole on the disk.
+
+    `finish` gives the last lines, and whether anything changed; `said` the sidecar by the hashes.
+    """
+    hashes = [hashlib.sha256(), hashlib.sha256()]
+    unmarked = True
+
+    def text(written: Path) -> str:
+        digests = [h.hexdigest() for h in hashes]
+        require_hash(written, digests[1])
+        return sidecar_text(said(digests))
+
+    with paired_stream(end, text, overwrite=overwrite) as out:
+
+        def put(lines: list[str]) -> None:
+            nonlocal unmarked
+            if lines and unmarked:
+                lines, unmarked = marked(lines, mark, semicolon=semicolon), False
+            data = "".join(lines).encode("latin-1")
+            hashes[1].update(data)
+            out.write(data)
+
+        for lines in pieces(stream, start):
+            hashes[0].update("".join(lines).encode("latin-1"))
+            if not again:
+                require_unmarked(lines, start)
+            put(rewritten(lines))
+        rest, changed = finish()
+        put(rest)
+        if not changed and stream.seekable():  # nothing to mark: the program as it was
+            for file in (out, stream):
+                file.seek(0)
+            out.truncate()
+            shutil.copyfileobj(stream, out)
+            hashes[1] = hashes[0]

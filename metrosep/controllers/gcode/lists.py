@@ -8,7 +8,6 @@ coordinates are those of `metrosep.controllers.gcode.corrections`.
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import os
 import re
@@ -18,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from metrosep._version import __version__
 from metrosep.controllers.base import paired_stream, sidecar_path
 from metrosep.controllers.gcode.columns import (
     check_files,
@@ -29,6 +27,8 @@ from metrosep.controllers.gcode.columns import (
     require_hash,
     require_uncorrected,
     require_unmarked,
+    sidecar_of,
+    sidecar_text,
 )
 from metrosep.controllers.gcode.corrections import PathCorrection, as_path_correction
 from metrosep.controllers.gcode.state import decimals_of, format_number
@@ -307,24 +307,16 @@ def write_list(
     audit: Mapping[str, object],
     *,
     overwrite: bool,
-    schema: str = "points",
 ) -> dict[str, object]:
-    """Write a corrected list or program with its sidecar, which is returned."""
+    """Write a corrected list with its sidecar, which is returned."""
     data = "".join(final).encode("latin-1")
-    digest = hashlib.sha256(data).hexdigest()
-    sidecar = {
-        "schema": f"metrosep.{schema}/1",
-        "metrosep": __version__,
-        "source": start.name,
-        "source_sha256": hashlib.sha256("".join(lines).encode("latin-1")).hexdigest(),
-        "file_sha256": digest,
-        **audit,
-    }
-    text = json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    source = "".join(lines).encode("latin-1")
+    digests = [hashlib.sha256(v).hexdigest() for v in (source, data)]
+    sidecar = sidecar_of("points", start, digests, audit)
 
     def said(written: Path) -> str:
-        require_hash(written, digest)
-        return text
+        require_hash(written, digests[1])
+        return sidecar_text(sidecar)
 
     with paired_stream(end, said, overwrite=overwrite) as out:
         out.write(data)

@@ -20,7 +20,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.machine.elements import axis_of
 from metrosep.machine.error_sets import ErrorSet
-from metrosep.machine.inverse import correct_path, inverse_kinematics, reach_of
+from metrosep.machine.inverse import AT_ONCE, Course, inverse_kinematics, reach_of
 from metrosep.machine.terms import FourierTerm, SumTerm, TableTerm
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class MachineWords:
         on_part: bool,
     ) -> None:
         self.chain, self.errors, self.tool = chain, errors, tool
-        self.tool_axis, self.max_step, self.axes = tool_axis, max_step, axes
+        self.tool_axis, self.axes = tool_axis, axes
         kinds = chain.dimensions
         self.turns = np.array([kinds[a] == "angle" for a in axes])
         lengths = np.array([0.5 * unit if diameter and a == "X" else unit for a in axes])
@@ -65,8 +65,7 @@ class MachineWords:
             if axis in fine:
                 fine[axis] = min(fine[axis], _step_of(term) / _PER_STEP)
         self.look = np.minimum(default, [fine[a] for a in axes])
-        self.messages: tuple[str, ...] = ()
-        self.correction: dict[str, FloatArray] = {a: np.zeros(1) for a in axes}
+        self.course = Course(chain, errors, axes, tool, tool_axis, max_step)
         if on_part:
             self._place_on_part()
 
@@ -102,19 +101,35 @@ class MachineWords:
                 q[a][part] = found[a]
         return q
 
-    def at(
-        self, places: FloatArray, part: NDArray[np.bool_], *, whole: bool = False
+    def at(self, places: FloatArray, part: NDArray[np.bool_]) -> FloatArray:
+        """Return what is added to the words at places."""
+        q = self.si(places, part)
+        course = Course(self.chain, self.errors, self.axes, self.tool, self.tool_axis, None)
+        moved = [
+            course.corrected({a: v[i : i + AT_ONCE] for a, v in q.items()}).moved
+            for i in range(0, len(places), AT_ONCE)
+        ]
+        commands = {a: np.concatenate([m[a] for m in moved]) for a in self.axes}
+        return self._added(places, part, commands, q)
+
+    def along(
+        self, places: FloatArray, part: NDArray[np.bool_]
+    ) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """Return what is added to the words of the next poses of the path, and to the axes in m and rad."""
+        q = self.si(places, part)
+        moved = self.course.corrected(q).moved
+        return self._added(places, part, moved, q), {a: moved[a] - q[a] for a in self.axes}
+
+    def _added(
+        self,
+        places: FloatArray,
+        part: NDArray[np.bool_],
+        moved: Mapping[str, FloatArray],
+        q: Mapping[str, FloatArray],
     ) -> FloatArray:
-        """Return what is added to the words at places; of the whole path its messages are kept."""
-        found = correct_path(
-            self.chain, self.errors, self.si(places, part), tool=self.tool, tool_axis=self.tool_axis,
-            max_step=self.max_step if whole else None,
-        )  # fmt: skip
-        if whole:
-            self.messages, self.correction = found.messages, dict(found.correction)
-        added = np.stack([found.correction[a] for a in self.axes], axis=-1) / self.scale
+        added = np.stack([moved[a] - q[a] for a in self.axes], axis=-1) / self.scale
         if part.any():
-            tip = self._tip({a: v[part] for a, v in found.q.items()})
+            tip = self._tip({a: v[part] for a, v in moved.items()})
             words = np.linalg.solve(self._ways, (tip - self._begin).T).T / self.scale[~self.turns]
             added[np.ix_(part, ~self.turns)] = words - places[part][:, ~self.turns]
         return added

@@ -10,29 +10,24 @@ corrected too: the same position must mean the same Z, or the tool would step wh
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
-import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from metrosep._version import __version__
-from metrosep.controllers.base import paired_stream, sidecar_path
+from metrosep.controllers.base import sidecar_path
 from metrosep.controllers.gcode.columns import (
     Outside,
     Settings,
     check_files,
     mark_text,
-    marked,
     open_program,
-    pieces,
-    require_hash,
     require_uncorrected,
-    require_unmarked,
+    sidecar_of,
+    write_stream,
 )
 from metrosep.controllers.gcode.corrections import PathCorrection, as_path_correction
 from metrosep.controllers.gcode.rewrite import Rewriter
@@ -273,42 +268,26 @@ def _stream(
     again: bool,
     overwrite: bool,
 ) -> PathResult:
-    """Rewrite piece by piece; the sidecar is written when the program lies whole on the disk."""
-    hashes = [hashlib.sha256(), hashlib.sha256()]
+    """Rewrite piece by piece, and return what became of it."""
     result: list[PathResult] = []
-    mark: str | None = mark_text(rewriter.settings.axes, made.audit)
 
-    def text(written: Path) -> str:
-        require_hash(written, hashes[1].hexdigest())
-        found = _result(rewriter, start, end, made, (hashes[0].hexdigest(), hashes[1].hexdigest()))
-        result.append(found)
-        return json.dumps(found.audit, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    def finish() -> tuple[list[str], bool]:
+        if rewriter.tally.moves == 0:
+            raise DataError(
+                f"{start}: holds no move of X, C or Z (G0 or G1 with such a word); is this the program?"
+            )
+        rewriter.finish()
+        return [], bool(rewriter.tally.changed or rewriter.tally.added)
+
+    def said(hashes: list[str]) -> Mapping[str, Any]:
+        result.append(_result(rewriter, start, end, made, hashes))
+        return result[0].audit
 
     try:
-        with paired_stream(end, text, overwrite=overwrite) as out:
-            for lines in pieces(stream, start):
-                hashes[0].update("".join(lines).encode("latin-1"))
-                if not again:
-                    require_unmarked(lines, start)
-                new = rewriter.rewrite(lines)
-                if mark is not None:
-                    new, mark = marked(new, mark), None
-                data = "".join(new).encode("latin-1")
-                hashes[1].update(data)
-                out.write(data)
-            if rewriter.tally.moves == 0:
-                raise DataError(
-                    f"{start}: holds no move of X, C or Z (G0 or G1 with such a word); is this the "
-                    "program?"
-                )
-            rewriter.finish()
-            same = not (rewriter.tally.changed or rewriter.tally.added)
-            if same and stream.seekable():  # nothing to mark: the program as it was
-                for file in (out, stream):
-                    file.seek(0)
-                out.truncate()
-                shutil.copyfileobj(stream, out)
-                hashes[1] = hashes[0]
+        write_stream(
+            stream, start, end, rewriter.rewrite, finish, said,
+            mark=mark_text(rewriter.settings.axes, made.audit), again=again, overwrite=overwrite,
+        )  # fmt: skip
     except MetrosepError as error:
         if str(error).startswith("line "):
             raise named_error(error, start) from None
@@ -406,7 +385,7 @@ def _messages(rewriter: Rewriter) -> tuple[str, ...]:
 
 
 def _result(
-    rewriter: Rewriter, start: Path, end: Path, made: PathCorrection, hashes: tuple[str, str]
+    rewriter: Rewriter, start: Path, end: Path, made: PathCorrection, hashes: list[str]
 ) -> PathResult:
     tally, state = rewriter.tally, rewriter.state
     n = tally.moves - tally.unplaced
@@ -416,11 +395,6 @@ def _result(
     messages = _messages(rewriter)
     shortest = None if math.isinf(tally.shortest) else tally.shortest
     audit = {
-        "schema": "metrosep.path/1",
-        "metrosep": __version__,
-        "source": start.name,
-        "source_sha256": hashes[0],
-        "file_sha256": hashes[1],
         "correction": dict(made.audit),
         "sign": "correction c = -e is added to the commanded Z; e = actual - nominal",
         "lookup": "at the uncorrected position of each block; rapid moves too",
@@ -475,5 +449,5 @@ def _result(
         sha256_source=hashes[0],
         sha256_target=hashes[1],
         messages=messages,
-        audit=json.loads(json.dumps(audit, default=float)),
+        audit=sidecar_of("path", start, hashes, json.loads(json.dumps(audit, default=float))),
     )

@@ -204,7 +204,9 @@ def rewrite_poses(
             changed += 1
             rows.lines[number] = edited(rows.lines[number], sep, edits)
     actual = _positions(reread(rows, head, sep, columns, end).values, columns, offset)
-    sizes = judged(chain, errors, nominal, actual, tool, tool_axis, changed=changed, name=str(end))
+    judge = Judge(chain, errors, tool, tool_axis)
+    judge.take(nominal, actual)
+    sizes = judge.sizes(changed, str(end))
     audit = audit_of(chain, errors, tool, offset)
     final, mark = with_mark(rows, mark_text(tuple(columns), audit), changed)
     ranges = {a: (float(c.min()), float(c.max())) for a, c in found.correction.items()}
@@ -337,41 +339,47 @@ def _positions(
     return {a: values[a] * c.scale + offset[a] for a, c in columns.items()}
 
 
-def judged(
-    chain: Chain,
-    errors: Errors,
-    nominal: Mapping[str, FloatArray],
-    written: Mapping[str, FloatArray],
-    tool: ArrayLike,
-    tool_axis: ArrayLike,
-    *,
-    changed: int,
-    name: str,
-) -> dict[str, float]:
-    """Return the error of the tool point and of its axis by commands; refuse what does not shrink it."""
-    axis = np.asarray(tool_axis, dtype=np.float64)
-    axis = axis / np.linalg.norm(axis)
-    n = max(np.size(v) for v in nominal.values())
-    squares = np.zeros(4)  # place and direction, before and after; in parts, to spare memory
-    for i in range(0, n, _AT_ONCE):
-        some = {a: np.broadcast_to(v, (n,))[i : i + _AT_ONCE] for a, v in nominal.items()}
-        done = {a: np.broadcast_to(v, (n,))[i : i + _AT_ONCE] for a, v in written.items()}
-        goal = chain.transform(some, tool=tool)
-        for k, commands in enumerate((some, done)):
-            actual = chain.transform(commands, errors, tool=tool, exact=True)
-            squares[k] += np.sum((actual[..., :3, 3] - goal[..., :3, 3]) ** 2)
-            squares[2 + k] += np.sum(((actual[..., :3, :3] - goal[..., :3, :3]) @ axis) ** 2)
-    keys = ("before_rms_m", "after_rms_m", "turn_before_rms_rad", "turn_after_rms_rad")
-    sizes = dict(zip(keys, np.sqrt(squares / n).tolist(), strict=True))
-    turned_away = sizes["turn_after_rms_rad"] > sizes["turn_before_rms_rad"] + 10.0 * STEP_ANGLE
-    if changed and (turned_away or not sizes["after_rms_m"] < sizes["before_rms_m"]):
-        raise SignCheckFailedError(
-            f"{name}: the file would not shrink the error of the tool point, RMS "
-            f"{format_length(sizes['before_rms_m'])} -> {format_length(sizes['after_rms_m'])}, of its axis "
-            f"{sizes['turn_before_rms_rad']:.3g} -> {sizes['turn_after_rms_rad']:.3g} rad; nothing was "
-            "written"
-        )
-    return sizes
+class Judge:
+    """The error of the tool point and of its axis, by nominal and by written commands taken part by part."""
+
+    def __init__(
+        self, chain: Chain, errors: Errors, tool: ArrayLike, tool_axis: ArrayLike
+    ) -> None:
+        axis = np.asarray(tool_axis, dtype=np.float64)
+        self.chain, self.errors, self.tool = chain, errors, tool
+        self.axis = axis / np.linalg.norm(axis)
+        self.n, self.squares = 0, np.zeros(4)  # place and direction, before and after
+
+    def take(self, nominal: Mapping[str, FloatArray], written: Mapping[str, FloatArray]) -> None:
+        """Add poses."""
+        n = max(np.size(v) for v in nominal.values())
+        self.n += n
+        for i in range(0, n, _AT_ONCE):
+            some, done = (
+                {a: np.broadcast_to(v, (n,))[i : i + _AT_ONCE] for a, v in q.items()}
+                for q in (nominal, written)
+            )
+            goal = self.chain.transform(some, tool=self.tool)
+            for k, commands in enumerate((some, done)):
+                actual = self.chain.transform(commands, self.errors, tool=self.tool, exact=True)
+                self.squares[k] += np.sum((actual[..., :3, 3] - goal[..., :3, 3]) ** 2)
+                off = (actual[..., :3, :3] - goal[..., :3, :3]) @ self.axis
+                self.squares[2 + k] += np.sum(off**2)
+
+    def sizes(self, changed: int, name: str) -> dict[str, float]:
+        """Return the RMS of each; refuse commands that do not shrink it."""
+        keys = ("before_rms_m", "after_rms_m", "turn_before_rms_rad", "turn_after_rms_rad")
+        sizes = dict(zip(keys, np.sqrt(self.squares / self.n).tolist(), strict=True))
+        least = sizes["turn_before_rms_rad"] + 10.0 * STEP_ANGLE
+        turned_away = sizes["turn_after_rms_rad"] > least
+        if changed and (turned_away or not sizes["after_rms_m"] < sizes["before_rms_m"]):
+            raise SignCheckFailedError(
+                f"{name}: the file would not shrink the error of the tool point, RMS "
+                f"{format_length(sizes['before_rms_m'])} -> {format_length(sizes['after_rms_m'])}, of its axis "
+                f"{sizes['turn_before_rms_rad']:.3g} -> {sizes['turn_after_rms_rad']:.3g} rad; nothing was "
+                "written"
+            )
+        return sizes
 
 
 def _names(errors: Any) -> tuple[str, ...]:

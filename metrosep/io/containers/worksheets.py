@@ -78,7 +78,7 @@ def _talyrond_read(asked: Request, *, radius: float | str | None = None) -> Prof
     asked.choose(_talyrond_channels(file))
     sheet, numbers = _numbers(file)
     degrees, values = numbers[:, 0], numbers[:, 1]
-    factor = _unit(file, asked.unit)
+    factor = _unit(file, asked.unit, radius)
     values = values * factor.factor
     if np.isnan(degrees).any():
         raise file.corrupt("a point has no angle", field="column A")
@@ -127,11 +127,12 @@ def _numbers(file: RawFile) -> tuple[str, FloatArray]:
     return sheet, table
 
 
-def _unit(file: RawFile, declared: Any) -> Unit:
+def _unit(file: RawFile, declared: Any, radius: float | str | None) -> Unit:
     if declared is None:
-        raise UnitError(
-            f"{file.path}: does not state the unit of its deviations; declare it, such as unit='um'"
-        )
+        what, such = "", "declare it, such as unit='um'"
+        if radius is None:
+            what, such = ", nor the radius of the part", "declare unit='um' and radius='25 mm'"
+        raise UnitError(f"{file.path}: does not state the unit of its deviations{what}; {such}")
     return parse_unit(str(declared), dimension="length")
 
 

@@ -503,7 +503,7 @@ class Container(Archive):
         infos = [
             i
             for i in self.infos()
-            if not i.is_dir() and "__MACOSX" not in i.filename and not i.filename.endswith("/")
+            if "__MACOSX" not in i.filename and not i.filename.endswith("/")
         ]
         names = [i.filename for i in infos]
         if len(set(names)) != len(names):

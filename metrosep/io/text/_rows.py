@@ -182,6 +182,7 @@ class Body:
         ] * self._n  # and the first such as 1.000
         self._surplus: list[int] = []
         self._lacking: list[int] = []  # lines of rows without their last fields
+        self._unworded: tuple[str, int] | None = None  # the first without its word, and its fields
         self._short: tuple[int, str, int] | None = None  # the first of which the numbers end early
         self._n_short = 0
         self._has_whole = False  # whether a row had all its fields
@@ -294,7 +295,7 @@ class Body:
         columns = self._fast(text, n_lines, n_marks, first)
         if columns is None:
             return None
-        self._take_whole()
+        self._take_whole(ends_empty=self._unworded is not None and _has_empty(columns[-1]))
         self.line += n_lines
         self.ledger.count("data", n_lines)
         self.last_row = text[text.rfind("\n", 0, len(text) - 1) + 1 :]
@@ -523,7 +524,7 @@ class Body:
                 self.ledger.count("blank", 1)
                 continue
             if len(line) > LONGEST_FIELD and not is_comment(line, options.comment):
-                refuse_long(self._file.path, number, line)
+                refuse_long(self._file, number, line)
             if is_rule(line):
                 self.ledger.add("rule", number, line)
                 continue
@@ -556,11 +557,11 @@ class Body:
             if used > self._n and self._has_remark(number, fields[:used]):
                 used = self._n
             if len(fields) >= self._n:
-                self._take_whole()
+                self._take_whole(ends_empty=not fields[self._n - 1].strip())
             elif self._may_lack(
                 number,
                 line,
-                len(fields),
+                fields,
                 numbers[-1] if numbers else self.last_line,
                 is_open=number == last_open,
             ):
@@ -624,18 +625,25 @@ class Body:
             self._like_rows.append(number)
         return self._labels[0]
 
-    def _take_whole(self) -> None:
-        """Take a row with all its fields: above it no row may lack numbers."""
+    def _take_whole(self, *, ends_empty: bool) -> None:
+        """Take a row with all its fields: above it no row may lack numbers, nor, where this one ends empty, its word."""
+        if ends_empty and self._unworded is not None:
+            raise self._wrong_count(self._lacking[0], *self._unworded, at_end=False)
         self._has_whole = True
         if self._short is not None:
             raise self._wrong_count(*self._short, at_end=False)
 
-    def _may_lack(self, number: int, line: str, n: int, before: int, *, is_open: bool) -> bool:
+    def _may_lack(
+        self, number: int, line: str, fields: Sequence[str], before: int, *, is_open: bool
+    ) -> bool:
         """Whether a row may lack its last fields: words, or the same numbers in all rows from there on.
 
         Behind a line that is no row, shorter rows may be another table, such as means; a line without
-        its end may be cut.
+        its end may be cut. A word in a column that was empty has moved there.
         """
+        n = len(fields)
+        if any(k < n and fields[k].strip() for k in self._open):
+            return False
         named = any(len(fields) >= self._n for fields in self._header)
         if not named or self._layout.dialect.separator in {" ", ", "}:
             return False
@@ -643,6 +651,7 @@ class Body:
         if n == self._n - 1 and self._labels[-1]:
             if (below or is_open) and not self._lacking:
                 return False
+            self._unworded = self._unworded or (line, n)
         else:
             if below:
                 return False
@@ -668,7 +677,7 @@ class Body:
                 "the remark behind the row may change what the row says",
                 field=f"line {number}",
                 found=repr(text[:40]),
-                hint=f"leave that line out with skip_lines='{number}', or correct it and remove the remark",
+                hint=f"leave that line out with {self._file.without_lines(number)}, or correct it and remove the remark",
             )
         self.ledger.note("remark", number, text)
         return fields
@@ -709,7 +718,7 @@ class Body:
             words = " ".join(fields).strip(_RULED + '"').lower().split()
             if words and all(w.isalpha() and w not in self._words for w in words):
                 return True
-        if _COUNTED.fullmatch(begin):
+        if _COUNTED.fullmatch(ruled.strip('" ')):
             return True
         if not begin[:1].isalpha() or begin.lower() in self._words:
             return False
@@ -733,7 +742,7 @@ class Body:
                     field=f"line {number}",
                     expected=f"{self._n} fields ({self._layout.dialect})",
                     found=repr(line.strip()[:60]),
-                    hint=f"if it may be omitted, give skip_lines='{number}'; else split the file there",
+                    hint=f"if it may be omitted, give {self._file.without_lines(number)}; else split the file there",
                 )
         waiting = [number for number, *_ in self._pending]
         self._pending = []
@@ -759,7 +768,7 @@ class Body:
             field=f"line {number} ({line.strip()[:60]!r})",
             expected=f"{self._n} fields ({self._layout.dialect})",
             found=f"{found}",
-            hint=f"copy the file again, or leave that line out with skip_lines='{number}'",
+            hint=f"copy the file again, or leave that line out with {self._file.without_lines(number)}",
         )
 
     def _columns(

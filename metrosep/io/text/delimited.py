@@ -36,6 +36,7 @@ from metrosep.io.text._rows import Block
 from metrosep.io.text.dialect import (
     NO_READING,
     Layout,
+    bare_unit,
     find_layout,
     header_unit,
     is_comment,
@@ -96,10 +97,14 @@ def sniff(file: RawFile) -> Match:
 
 
 def _is_named(lines: list[str], layout: Layout) -> bool:
-    """Whether a few rows stand right below names with units, however much text is round them."""
+    """Whether a few rows stand right below names with units, or units, however much text is round them."""
     above = lines[max(layout.start - 2, 0) : layout.start]
+    split = layout.dialect.split(above)
+    units = [f.strip() for own in split if layout.n <= len(own) <= layout.n_raw for f in own]
     names = [split_header(line, layout.dialect.separator, layout.n) for line in above]
-    return layout.n_fit >= _FEWEST and any(header_unit(n)[1] for own in names for n in own or ())
+    return layout.n_fit >= _FEWEST and (
+        any(map(bare_unit, units)) or any(header_unit(n)[1] for own in names for n in own or ())
+    )
 
 
 def _mostly_digits(lines: list[str]) -> Match:

@@ -10,9 +10,10 @@ import difflib
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from metrosep.core.errors import (
     AmbiguousFormatError,
@@ -26,6 +27,9 @@ from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit, column_unit, parse_unit
 from metrosep.io.text.encoding import ROLE_WORDS, Role
 from metrosep.io.text.times import is_moment
+
+if TYPE_CHECKING:
+    from metrosep.io.source import RawFile
 
 __all__ = [
     "BEYOND",
@@ -187,7 +191,7 @@ def fields_in_quotes(line: str, mark: str) -> list[str]:
         return line.split(mark)
 
 
-def refuse_long(path: object, number: int, line: str) -> None:
+def refuse_long(file: RawFile, number: int, line: str) -> None:
     """Refuse a line with a field or a remark that is too long, or too many fields, for a table."""
     if len(line) <= _MOST_COLUMNS:
         return
@@ -202,8 +206,8 @@ def refuse_long(path: object, number: int, line: str) -> None:
     else:
         return
     raise FormatMismatchError(
-        f"{path}: line {number} has {len(line)} characters with {what}; shorten it, or leave it out with "
-        f"skip_lines='{number}'"
+        f"{file.path}: line {number} has {len(line)} characters with {what}; shorten it, or leave it out with "
+        f"{file.without_lines(number)}"
     )
 
 
@@ -368,12 +372,24 @@ def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
             names.pop()
         if len(names) == n_columns and all(names):
             return None if any(n in _NO_NAMES for n in names) else names
+        if len(names) == n_columns and mark == separator != " ":
+            return None  # one has none
         if mark == separator == " ":
             names = re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", text)
             if len(names) == n_columns:
                 return names if _NO_NAMES.isdisjoint(names) else None
     names = text.split() if len(order) > 1 else []
-    return names if len(names) == n_columns and _NO_NAMES.isdisjoint(names) else None
+    few = 2 * sum(map(_is_known, names)) < n_columns  # a title of as many words
+    return None if few or len(names) != n_columns or not _NO_NAMES.isdisjoint(names) else names
+
+
+def _is_known(name: str) -> bool:
+    """Whether a name has a unit, or is what columns are called."""
+    bare, unit = header_unit(name)
+    return unit is not None or re.sub(r"[\W\d_]+$", "", bare.casefold()) in _ROLE_NAMES
+
+
+_ROLE_NAMES = frozenset(w for words in ROLE_WORDS.values() for w in words.split())
 
 
 _NO_WORD = re.compile("[\x80-\x9f]|[\xa0-\xff]{3}")
@@ -480,6 +496,7 @@ def find_layout(
         raise ReadError(f"decimal {options.decimal!r} is not known; use '.' or ','")
     quoted = any('"' in line for line in sample)
     fits: list[_Fit] = []
+    whole: dict[str, _Fit | None] = {}  # by decimal mark: the fit whose mark is in no line
     for mark, point in _CANDIDATES:
         if (wanted is not None and mark[:1] != wanted[:1]) or (options.decimal or point) != point:
             continue
@@ -490,7 +507,13 @@ def find_layout(
         if mark == point and not quoted:
             continue
         dialect = Dialect(mark, point, quoted and mark in "\t;,| ", options.thousands or "")
-        found = _fit(sample, len(head), dialect, labelled, options.missing or ())
+        if mark not in "\t;|," or any(mark in line for line in sample):
+            found = _fit(sample, len(head), dialect, labelled, options.missing or ())
+        else:  # every line is one field, whichever mark is in none of them
+            if point not in whole:
+                whole[point] = _fit(sample, len(head), dialect, labelled, options.missing or ())
+            found = whole[point]
+            found = None if found is None else found._replace(dialect=dialect)
         if found is not None:
             fits.append(found)
     if not fits:
@@ -564,27 +587,33 @@ def _fit(
     """Return the rows of a sample under a dialect: the commonest number of fields makes the table."""
     with_groups = dialect if dialect.thousands else replace(dialect, thousands=dialect.other_mark)
     head = dialect.split(sample[:n_head])
-    if not any(_is_numbered(k) for k in _kinds(head, dialect, with_groups, labelled)):
+    known = _kinds_of({f for row in head for f in row}, dialect, with_groups)
+    if not any(_is_numbered(k) for k in _kinds(head, known, labelled)):
         return None  # no row among the first lines, whatever the others are
     split = [*head, *dialect.split(sample[n_head:])]
-    fields = {f for row in split for f in row}
-    proven = any(_shows_mark(f, dialect) for f in fields)
-    kinds = _kinds(split, dialect, with_groups if proven else dialect, labelled)
+    more = {f for row in split[n_head:] for f in row} - known.keys()
+    known |= _kinds_of(more, dialect, with_groups)
+    if not any(_shows_mark(f, dialect) for f in known):
+        known |= {f: "odd" for f, k in known.items() if k == "grouped"}
+    kinds = _kinds(split, known, labelled)
     numbered = [i for i, k in enumerate(kinds) if _is_numbered(k)]
     if not numbered:
         return None
+    lacking: set[int] = set()
     if dialect.separator not in {" ", ", "}:
         n_full = _n_where_rows_lack(split, kinds, numbered)
-        for i in numbered:
+        lacking = {i for i in numbered if len(split[i]) < n_full}
+        for i in lacking:
             kinds[i] += ["missing"] * (n_full - len(split[i]))
             split[i] = [*split[i], *[""] * (n_full - len(split[i]))]
     n_raw = Counter(len(split[i]) for i in numbered).most_common(1)[0][0]
     n = max(n_used(split[i]) for i in numbered if len(split[i]) == n_raw)
     alike = [i for i in numbered if len(split[i]) >= n and n_used(split[i]) <= n]
+    whole = [i for i in alike if i not in lacking] or alike
     labels, dated = (
         tuple(
-            2 * sum(kinds[i][k] in what for i in alike)
-            > sum(kinds[i][k] != "missing" for i in alike)
+            2 * sum(kinds[i][k] in what for i in whole)
+            > sum(kinds[i][k] != "missing" for i in whole)
             for k in range(n)
         )
         for what in (_TEXTS, ("date",))
@@ -640,7 +669,7 @@ def _n_where_rows_lack(
     return most if falls or words else 0
 
 
-_COUNTED = frozenset({"number", "quantity"})
+_COUNTED = frozenset({"number", "grouped", "quantity"})
 _TEXTS = ("label", "date", "quantity")
 
 
@@ -667,12 +696,29 @@ def _shows_mark(field: str, dialect: Dialect) -> bool:
 
 
 def _kinds(
-    split: Sequence[Sequence[str]], dialect: Dialect, grouped: Dialect, labelled: bool
+    split: Sequence[Sequence[str]], known: Mapping[str, str], labelled: bool
 ) -> list[list[str]]:
-    """Return what each field is; fields that repeat are looked at once."""
-    kinds = {f: _kind(f, dialect, grouped) for f in {f for row in split for f in row}}
-    found = [[kinds[f] for f in row] for row in split]
+    """Return what each field is, of fields that are known."""
+    found = [[known[f] for f in row] for row in split]
     return [["label", *own[1:]] for own in found] if labelled else found
+
+
+def _kinds_of(fields: set[str], dialect: Dialect, grouped: Dialect) -> dict[str, str]:
+    """Return the kind of each field; one that repeats is looked at once, also when the file is recognised again."""
+    kinds = _known_kinds(dialect, grouped)
+    if len(kinds) > _MOST_KNOWN:  # emptied by nobody: another thread may hold it
+        _known_kinds.cache_clear()
+        kinds = _known_kinds(dialect, grouped)
+    return {f: kinds.get(f) or kinds.setdefault(f, _kind(f, dialect, grouped)) for f in fields}
+
+
+@lru_cache(maxsize=64)
+def _known_kinds(dialect: Dialect, grouped: Dialect) -> dict[str, str]:
+    """Return the kinds of the fields that were looked at under a dialect; `_kinds_of` fills it."""
+    return {}
+
+
+_MOST_KNOWN = 10_000
 
 
 def _is_numbered(kinds: Sequence[str]) -> bool:
@@ -680,15 +726,16 @@ def _is_numbered(kinds: Sequence[str]) -> bool:
 
 
 def _kind(field: str, dialect: Dialect, grouped: Dialect) -> str:
+    """Return what a field is; "grouped" is a number only where groups of thousands are proven."""
     text = field.strip()
-    if text.lower() in NO_READING:
-        return "missing"
     if dialect.plain(text) is not None:
         return "number"
+    if text.lower() in NO_READING:
+        return "missing"
     if is_moment(text):
         return "date"
     if NUMBER_LIKE.fullmatch(text):
-        return "odd" if grouped.plain(text) is None else "number"
+        return "odd" if grouped.plain(text) is None else "grouped"
     if dialect.separator in {" ", ", "} and any(mark in text for mark in ",;\t"):
         return "odd"
     return "label" if quantity(text, dialect) is None else "quantity"

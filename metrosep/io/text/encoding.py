@@ -13,7 +13,18 @@ from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.units import FOREIGN_SPELLINGS
 from metrosep.io.source import HEAD_BYTES, RawFile
 
-__all__ = ["ROLE_WORDS", "Role", "decode", "encoding_of", "head_text", "plain_ends", "zero_byte"]
+__all__ = [
+    "ROLE_WORDS",
+    "Role",
+    "decode",
+    "encoding_of",
+    "encoding_of_head",
+    "head_text",
+    "lines_before",
+    "plain_ends",
+    "refuse_zero_bytes",
+    "zero_byte",
+]
 
 Role: TypeAlias = Literal[
     "position", "height", "time", "feed", "run", "direction", "angle", "temperature", "index"
@@ -65,7 +76,7 @@ _KNOWN = re.compile(
                 for w in words.casefold().split()
                 if not w.isascii() and len(w) > 1
             }
-            | set("µμ°℃å±²³０１２３４５６７８９．，－＋")
+            | set("µμ°℃å±²³\u2212\u202f\u2009０１２３４５６７８９．，－＋")
             | set(_ABOVE.split())
             | {chr(c) for c in (*range(0x3041, 0x3097), *range(0x30A1, 0x30FB))}
             | FOREIGN_SPELLINGS,
@@ -78,6 +89,8 @@ _BEYOND_ASCII = re.compile(rb"(?<![^\r\n])[^\r\n\x80-\xff]*+[\x80-\xff][^\r\n]*"
 """Whole lines with a byte beyond ASCII; a long line is looked through once."""
 _LINES = 100
 """Lines that are looked at for their code page."""
+_WITH_DIGITS = re.compile(rb"[\x81-\xfe][0-9][\x81-\xfe][0-9]")
+"""A character of GB18030 of which two bytes are digits, such as a micro sign or a minus."""
 _PUNCTUATION = frozenset({*range(0x80), *range(0xA0, 0x100), *b"\x80\x85\x91\x92\x93\x94\x96\x97"})
 """Bytes that stand alone in a text of cp1252: letters, and the dash that is written for a minus."""
 _ENOUGH = 1 / 3
@@ -127,6 +140,24 @@ def zero_byte(data: bytes, above: int = 0) -> str:
 _LF = b"\n"
 _TWO_BYTES = re.compile(rb"(?:[^\0]\0){3}|(?:\0[^\0]){3}")
 """Characters of UTF-16, of which every second byte may be 0."""
+
+
+def refuse_zero_bytes(file: RawFile, part: bytes, start: int) -> None:
+    """Refuse a part of a text, from a byte of the file on, that holds a byte of value 0."""
+    if b"\0" in part:
+        raise _binary(file.path, part, lines_before(file, start, _LF))
+
+
+def lines_before(file: RawFile, end: int, mark: bytes) -> int:
+    """Return how many lines end before a byte of a file."""
+    with file.stream() as handle:
+        parts = iter(lambda: handle.read(min(2**20, end - handle.tell())), b"")
+        return sum(part.count(mark) for part in parts)
+
+
+def encoding_of_head(file: RawFile) -> str:
+    """Return the encoding of the head of a file; nothing else decides where all of the text is ASCII."""
+    return _encoding(file.head)
 
 
 def encoding_of(file: RawFile, size: int) -> str:
@@ -232,10 +263,12 @@ def _legacy_page(data: bytes) -> str:
 
     Only names and units are at stake: digits, marks and separators are the same bytes in each.
     """
-    lines = itertools.islice((m.group() for m in _BEYOND_ASCII.finditer(data)), _LINES)
+    lines = [m.group() for m in itertools.islice(_BEYOND_ASCII.finditer(data), _LINES)]
     # a word that every row repeats counts once
     sample = b"\n".join(dict.fromkeys(line.translate(None, b"0123456789.,+-") for line in lines))
     shares = {page: _known_share(sample, page) for page in _PAGES}
+    if any(map(_WITH_DIGITS.search, lines)):
+        shares["gb18030"] = _known_share(b"\n".join(lines), "gb18030")
     best = max(_PAGES, key=lambda page: shares[page])
     if shares[best] > _ENOUGH:
         return best

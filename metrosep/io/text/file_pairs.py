@@ -241,6 +241,7 @@ _COLUMN = re.compile(
     r"(\d{1,3}) : (\d\d)-(\w{3})-(\d{4}) (\d\d:\d\d:\d\d) : (.+?) : (\d{1,9}) : (.*)"
 )
 _POSITIONS = "positions"
+_LINES = (".dat", ".DAT")
 _HEIGHT, _ALONG = "-lz+az", "xy vector"
 _POS_COLUMNS = (
     ("X", "m"),
@@ -285,10 +286,16 @@ def _nmm_read(
     description = _description(file)
     names = _names(description)
     if channel is None and len(names) > 2:
-        raise FormatMismatchError(
-            f"{file.path}: holds {len(names) - 1} scan lines; choose one with channel='line 1' ... "
-            f"channel='line {len(names) - 1}', or channel={_POSITIONS!r}"
+        n, data = len(names) - 1, file.path.with_suffix(".dat")
+        advice = (
+            f"choose one with channel='line 1' ... channel='line {n}', or channel={_POSITIONS!r}"
         )
+        if not any(data.with_suffix(s).is_file() for s in _LINES):
+            advice = (
+                f"give channel={_POSITIONS!r} for their positions; for the lines themselves put {data.name}, which "
+                "does not lie beside it, into the same folder"
+            )
+        raise FormatMismatchError(f"{file.path}: holds {n} scan lines; {advice}")
     chosen = only_channels(file, "NMM", channel, names)
     if chosen == _POSITIONS:
         return _positions(file, description)
@@ -383,7 +390,7 @@ def _line(file: RawFile, scan: _Scan, index: int) -> Profile:
         raise UnsupportedFeatureError(
             f"{file.path}: claims {total} points of {len(scan.symbols)} columns, more than {MAX_PIXELS}"
         )
-    data = beside(file, (".dat", ".DAT"))
+    data = beside(file, _LINES)
     table = _table(file, data, total, (len(scan.symbols),))
     start = sum(scan.counts[:index])
     rows = table[start : start + scan.counts[index]]

@@ -127,7 +127,7 @@ def refuse_quotes(file: RawFile, number: int, line: str, mark: str = "") -> None
             problem,
             field=f"line {number}",
             found=repr(line[:40]),
-            hint=f"correct that line, or leave it out with skip_lines='{number}'",
+            hint=f"correct that line, or leave it out with {file.without_lines(number)}",
         )
 
 
@@ -149,7 +149,7 @@ def bad_field(
 ) -> CorruptFileError:
     """Return the error about a field that is not a number, or whatever the others are."""
     grouped = re.fullmatch(r"[+-]?\d{1,3}(?:([.,'])\d{3})+(?:[.,]\d+)?", field)
-    options = f"missing='{field[:40]}' if it means not measured, skip_lines='{line}' to leave the line out"
+    options = f"{file.also_missing(field[:40])} if it means not measured, {file.without_lines(line)} to leave the line out"
     if grouped:
         options = f'thousands="{grouped.group(1)}" if its digits are in groups, {options}'
     return file.corrupt(
@@ -168,7 +168,7 @@ def cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:
         raise file.corrupt(
             "the file ends in the middle of a row",
             field=f"line {line} ({row.strip()[:60]!r})",
-            hint=f"copy the file again, or leave that line out with skip_lines='{line}'",
+            hint=f"copy the file again, or leave that line out with {file.without_lines(line)}",
         )
     return [
         (

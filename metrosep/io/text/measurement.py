@@ -6,7 +6,6 @@ Shared by plain column text and by the text formats that a ``format.toml`` descr
 from __future__ import annotations
 
 import itertools
-import operator
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -31,6 +30,7 @@ from metrosep.core.units import Unit, likely_meaning, parse_unit
 from metrosep.io._roles import (
     ColumnSpec,
     is_read_too,
+    no_unit,
     pick,
     refuse_marker,
     role_of,
@@ -53,7 +53,7 @@ from metrosep.io.text.matrices import (
     matrix,
     shown_columns,
 )
-from metrosep.io.text.quality import is_truth
+from metrosep.io.text.quality import is_truth, where_it_turns
 from metrosep.io.text.table import (
     AS_THEY_FOLLOW,
     Column,
@@ -196,9 +196,9 @@ def _rows_of(
     file: RawFile, table: Table, channel: str | None
 ) -> tuple[Table, str | None, dict[str, str]]:
     """Return the rows of one label, and the labels that all its rows share."""
-    stacked = [c for c in table.columns if c.labels is not None and len(set(c.labels)) > 1]
-    for column in stacked:
-        if channel is not None and channel in (column.labels or ()):
+    labelled = [c for c in table.columns if c.labels is not None] if channel is not None else []
+    for column in labelled:
+        if channel in (column.labels or ()) and len(set(column.labels or ())) > 1:
             keep = np.array([label == channel for label in column.labels or ()])
             table, channel = _take(table, keep), None
             break
@@ -209,7 +209,7 @@ def _rows_of(
         different = tuple(dict.fromkeys(column.labels))
         if len(different) == 1:
             shared[column.name] = different[0]
-        elif _is_stacked(column.labels, different) and len(table.numbers) == 2:
+        elif len(table.numbers) == 2 and _is_stacked(column.labels, different):
             found = runs_in(table)
             if found is not None and found.run == column.name:
                 raise SeveralRunsError(file.path, found)
@@ -244,9 +244,9 @@ def _is_stacked(labels: Sequence[str], different: tuple[str, ...]) -> bool:
 
     Neither does a name for every row, nor one beside empty cells.
     """
-    changes = sum(map(operator.ne, labels, itertools.islice(labels, 1, None)))
     named = sum(map(bool, different))
-    return named > 1 and 2 * len(different) <= len(labels) and changes == len(different) - 1
+    parts = itertools.islice(itertools.groupby(labels), len(different), None)
+    return named > 1 and 2 * len(different) <= len(labels) and next(parts, None) is None
 
 
 def _take(table: Table, keep: Any) -> Table:
@@ -468,8 +468,8 @@ class _Made:
             if unknown.size and "separator" in table.header:
                 line = int(table.lines[unknown[0]])
                 raise self.mismatch(
-                    f"line {line} has no time ({unknown.size} such row(s)); correct it, or leave the line out "
-                    f"with skip_lines='{line}'"
+                    f"line {line} has no time ({unknown.size} such row(s)); correct it, or leave out what has none "
+                    f"with {self.file.without_lines(*table.lines[unknown].tolist())}"
                 )
             falls = np.empty(0, dtype=np.intp) if rises else np.flatnonzero(np.diff(t) < 0.0)
             summer = falls.size == 1 and 3000.0 < t[falls[0]] - t[falls[0] + 1] <= 3600.0
@@ -488,7 +488,7 @@ class _Made:
                 line = int(table.lines[falls[0] + 1])
                 raise self.mismatch(
                     f"line {line}: the time in column {timed.name!r} falls from {t[falls[0]]:g} s to "
-                    f"{t[falls[0] + 1]:g} s; correct it, or leave the line out with skip_lines='{line}'"
+                    f"{t[falls[0] + 1]:g} s; correct it, or leave the line out with {self.file.without_lines(line)}"
                 )
         else:
             if channel is None:
@@ -532,7 +532,7 @@ class _Made:
         file, table, is_named = self.file, self.table, z is not None
         if x is None and z is None and len(table.numbers) > 2:
             blank = {c.name for c in table.numbers if _is_empty(c)}
-            if len(table.numbers) - len(blank) == 2:
+            if blank and len(table.numbers) - len(blank) > 1:
                 kept = tuple(c for c in table.columns if c.name not in blank)
                 named = ", ".join(map(repr, sorted(blank)))
                 said = f"column {named} holds no number and was omitted"
@@ -567,6 +567,14 @@ class _Made:
                 "the file holds positions, so lateral_step cannot replace them; leave it out"
             )
         if x is not None:
+            bare = {
+                role: column.name
+                for role, spec in (("x", x), ("z", z))
+                for column, unit in (pick(file, table, spec, role=role),)
+                if unit is None and column.values is not None
+            }
+            if len(bare) > 1 and self.scale is None:
+                raise no_unit(file, bare, "length")
             self.table = table = without_empty_rows(self.table)
         heights = self.lengths("z", z)
         self.used["scale_m_per_v"] = self.scale
@@ -579,11 +587,10 @@ class _Made:
             positions = self.lengths("x", x)
             empty = np.flatnonzero(np.isnan(positions))
             if empty.size:
-                every = ",".join(str(table.lines[i]) for i in empty)
                 raise self.mismatch(
                     f"line {int(table.lines[empty[0]])}: position x is NaN in {empty.size} row(s), "
                     "and a height without a position cannot be used; leave it out with "
-                    f"skip_lines='{every}'"
+                    f"{file.without_lines(*table.lines[empty].tolist())}"
                 )
         if np.isnan(heights).all():
             raise self.mismatch(f"column {self.used['z']!r} holds no number; nothing was measured")
@@ -593,7 +600,7 @@ class _Made:
         try:
             return Profile(positions, heights, **described)
         except DataError as exc:
-            raise type(exc)(f"{exc}{_where_it_turns(positions, table)}") from None
+            raise type(exc)(f"{exc}{where_it_turns(file, positions, table.lines)}") from None
 
 
 def _without_surroundings(table: Table) -> Table:
@@ -613,7 +620,7 @@ def _without_surroundings(table: Table) -> Table:
         for c in other
         if role_of(c.name) in ("temperature", "index")
         or (c.unit is not None and c.unit.dimension in ("number", "temperature"))
-        or is_other_unit(re.split(r"[\[(]", c.name)[-1].rstrip(" )]"))
+        or is_other_unit(re.split(r"[\[({<]", c.name)[-1].rstrip(" )]}>"))
         or (len(end := c.name.rpartition("_")[2]) > 1 and is_other_unit(end))  # T_degC, not x_1
         or is_truth(c.name, c.values)
     ]
@@ -702,22 +709,6 @@ def _main_way(values: FloatArray | None) -> float:
         if s.size
     ]
     return float(max(ways, default=0.0))
-
-
-def _where_it_turns(positions: FloatArray, table: Table) -> str:
-    """Return the lines that may be left out where positions turn or repeat, as words of a message."""
-    steps = np.diff(positions)
-    if not steps.size or not steps[0] or len(table) != positions.size:
-        return ""
-    wrong = np.flatnonzero(np.sign(steps) != np.sign(steps[0]))
-    if not wrong.size:
-        return ""
-    rest, lines = steps[wrong[0] + 1 :], table.lines
-    back = rest.size and np.sign(rest[0]) != np.sign(steps[0]) and np.ptp(np.sign(rest)) == 0
-    last = lines[-1] if back else lines[wrong[0] + 1]
-    span = f"{lines[wrong[0] + 1]}-{last}" if back else f"{last}"
-    what = "what follows, the way back," if back else "that line"
-    return f" (line {int(lines[wrong[0] + 1])}); leave {what} out with skip_lines='{span}'"
 
 
 def _is_empty(column: Column) -> bool:

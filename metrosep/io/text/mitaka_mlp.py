@@ -79,7 +79,7 @@ def read(
     xyz = points.xyz[start:stop]
     columns = _columns(file, xyz, points.stepping, x, z)
     facts: dict[str, Any] = {"line": number + 1, "n_lines": len(names), **_mean_step(columns, xyz)}
-    position = _path(xyz) if columns["x"] == "path" else xyz[:, AXES.index(columns["x"])]
+    position = _position(xyz, columns["x"])
     height = xyz[:, AXES.index(columns["z"])]
     warnings = list(points.warnings)
     keep = _forward(position)
@@ -138,7 +138,10 @@ def _mean_step(columns: dict[str, str], xyz: FloatArray) -> dict[str, float]:
     return {"stepping_position_m": float(xyz[:, AXES.index(columns["stepping"])].mean())}
 
 
-def _path(xyz: FloatArray) -> FloatArray:
+def _position(xyz: FloatArray, axis: str) -> FloatArray:
+    """Return a coordinate of the points of a line, or the length of the path along it."""
+    if axis != "path":
+        return np.asarray(xyz[:, AXES.index(axis)])
     lengths = np.sqrt((np.diff(xyz, axis=0) ** 2).sum(axis=1))
     return np.concatenate([[0.0], np.cumsum(lengths)])
 
@@ -166,9 +169,11 @@ def _surface(file: RawFile, points: Points, x: str | None, z: str | None) -> Sur
     lines = [points.xyz[a:b] for a, b in itertools.pairwise(points.bounds)]
     grid = _grid(lines, columns)
     if grid is None:
+        turn = sum(not _forward(_position(line, columns["x"])).all() for line in lines)
+        also = f"; {turn} of them turn back in {columns['x']} and take x='path' or overhang='drop' with it"
         raise FormatMismatchError(
             f"{file.path}: holds {n} lines that make no map (their positions are not the same or not "
-            f"equidistant); choose one with channel='line 1' ... channel='line {n}'"
+            f"equidistant); choose one with channel='line 1' ... channel='line {n}'{also if turn else ''}"
         )
     heights, steps, origin = grid
     return make_surface(

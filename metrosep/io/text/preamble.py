@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from metrosep.core.errors import AmbiguousFormatError, FormatMismatchError
+from metrosep.core.errors import AmbiguousFormatError, FormatMismatchError, MetrosepError
 from metrosep.core.units import Unit
 from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import (
@@ -96,6 +96,9 @@ BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
 """How a number begins, whatever follows."""
 
 
+_SIGNS = re.compile(r"[-+*/=<>^]+")
+
+
 _QUOTED = re.compile(r'\s*"[^"]*"(?:[,;\t ]\s*"[^"]*")*\s*')
 """Names of which each is in quotes."""
 _UNDERLINE = 5
@@ -109,9 +112,11 @@ class Preamble:
         self._file = file
         self._dialect = layout.dialect
         self._n, self._most, self._usual = layout.n, layout.n_raw, layout.n_usual
-        self._is_counted = len(rows) > 1 and all(  # the rows of R, whose numbers have no name
-            line.lstrip().startswith(f'"{k}"') for k, line in enumerate(rows, start=1)
-        )
+        counted = [
+            all(line.lstrip().startswith(mark.format(k)) for k, line in enumerate(rows, start))
+            for mark, start in (('"{}"', 1), ("{} ", 0), ("{} ", 1), ("{}\t", 0), ("{}\t", 1))
+        ]  # the rows of R and pandas, whose numbers have no name
+        self._is_counted = len(rows) > 1 and any(counted)
         self.rows: list[list[str]] = []
         self._names: list[str] | None = None
         self._units: list[Unit | None] | None = None
@@ -124,6 +129,7 @@ class Preamble:
         self._below_text = False  # whether the line above is names, units or other text
         self._drawn: list[tuple[int, str]] = []  # drawn lines that may be rows without a reading
         self._lost: list[int] = []  # rows of names with units above another row of names
+        self._damaged: dict[int, MetrosepError] = {}  # lines that may be rows, and what is wrong
 
     def take(self, line: str, number: int) -> str | None:
         """Return the class of a line; None where it waits to be refused."""
@@ -143,6 +149,8 @@ class Preamble:
         if self._n > 1 and len(fields) == 1 and fields[0].isdecimal():
             self._count = int(fields[0])
             return "count"
+        if len(words := line.split()) == self._n != len(fields) and all(map(bare_unit, words)):
+            fields = words  # whatever separates the fields of the rows
         units = [bare_unit(f) for f in fields]
         shared = len(fields) == 1 and units[0] is not None
         empty = [not f.strip("[]() ") for f in fields]
@@ -161,7 +169,8 @@ class Preamble:
         names = self._names_of(line)
         if names is not None and not any(is_number(n, self._dialect.decimal) for n in names):
             if all(BEGUN.match(n) for n in names):
-                raise bad_field(self._file, number, names[0], "one of the columns")
+                self._take_damaged(number, line, names)
+                return None
             if self._names is not None:
                 self._waiting.append(self._named_at)  # the last row of names counts
                 if any(header_unit(n)[1] for n in self._names) and not any(
@@ -178,17 +187,26 @@ class Preamble:
         bad = [f for f in fields if not is_number(f, decimal) and f.lower() not in NO_READING]
         begun = BEGUN.match(fields[0]) is not None
         if begun and len(fields) == self._n and 0 < len(bad) < self._n:
-            raise bad_field(self._file, number, bad[0], "one of the columns")
-        if all(BEGUN.match(f) or f.lower() in NO_READING for f in fields):
-            raise self._file.corrupt(
+            self._take_damaged(number, line, bad)
+        elif all(BEGUN.match(f) or f.lower() in NO_READING for f in fields):
+            self._take_damaged(number, line, ())
+        else:
+            self._waiting.append((number, line.strip()))
+        return None
+
+    def _take_damaged(self, number: int, line: str, bad: Sequence[str]) -> None:
+        """Take a line that begins like a row: next to the rows it is one of them, above names or text it is not."""
+        self._waiting.append((number, line.strip()))
+        if bad:
+            self._damaged[number] = bad_field(self._file, number, bad[0], "one of the columns")
+        else:
+            self._damaged[number] = self._file.corrupt(
                 "a row has another number of fields",
                 field=f"line {number} ({line.strip()[:60]!r})",
                 expected=f"{self._n} fields ({self._dialect})",
-                found=f"{len(fields)}",
-                hint=f"correct that line, or leave it out with skip_lines='{number}'",
+                found=f"{len(self._dialect.split([line])[0])}",
+                hint=f"correct that line, or leave it out with {self._file.without_lines(number)}",
             )
-        self._waiting.append((number, line.strip()))
-        return None
 
     def _is_underline(self, fields: Sequence[str]) -> bool:
         """Whether a drawn line below text cannot be a row in which nothing was measured."""
@@ -212,7 +230,9 @@ class Preamble:
         line = self._waiting[-1][1]
         names = split_header(line, self._dialect.separator, self._n)
         fields = [f.strip().strip('"').strip() for f in self._dialect.split([line])[0]]
-        if names is None and [not f for f in fields] == list(is_empty):
+        named = [bool(f) or e for f, e in zip(fields, is_empty, strict=False)]
+        if names is None and len(is_empty) <= len(fields) <= self._most and all(named):
+            self._n = len(fields)
             names = [f or f"column{k}" for k, f in enumerate(fields, 1)]
             self.unnamed = tuple(f"column{k}" for k, f in enumerate(fields, 1) if not f)
         if names is not None and names[0][:1].isalpha():
@@ -235,7 +255,9 @@ class Preamble:
                 self._n = n
                 return names
         names = split_header(line, mark, self._n)
-        if names is None and self._is_counted and _QUOTED.fullmatch(line):
+        if names is not None and mark == " " and any(map(_SIGNS.fullmatch, names)):
+            return None  # a formula: y = a + b
+        if names is None and self._is_counted and (mark in " \t" or _QUOTED.fullmatch(line)):
             names = split_header(line, mark, self._n - 1)
             if names is not None:
                 self.unnamed = ("column1",)
@@ -244,10 +266,11 @@ class Preamble:
             return names
         # a column without a name among others: the row numbers of pandas, R and Excel
         fields = [f.strip().strip('"').strip() for f in self._dialect.split([line])[0]]
-        fields = fields[: self._n] if n <= self._n else fields
-        few = 2 * sum(map(bool, fields)) < self._n or len(fields) != self._n
-        if few or not any(header_unit(f)[1] for f in fields if f):
+        n = n if named or lacking else self._n
+        few = 2 * sum(map(bool, fields)) < n or len(fields[n:]) != fields[n:].count("")
+        if few or len(fields) < n or not any(header_unit(f)[1] for f in fields if f):
             return None
+        self._n, fields = n, fields[:n]
         self.unnamed = tuple(f"column{k}" for k, f in enumerate(fields, 1) if not f)
         return [f or f"column{k}" for k, f in enumerate(fields, 1)]
 
@@ -256,11 +279,16 @@ class Preamble:
         """Whether a row or a comment names the columns."""
         return self._names is not None
 
-    def rest(self) -> list[int]:
+    def rest(self, first_row: int) -> list[int]:
         """Return the numbers of the lines above the row of names; one between the names and the numbers is refused.
 
         Without names the line next to the numbers may be what remains of them.
         """
+        text = [n for n, _ in self._waiting if n not in self._damaged]
+        above = max([self._named_at[0], *text])
+        for number, damage in self._damaged.items():
+            if number > above:
+                raise damage
         drawn = [(n, line) for n, line in self._drawn if n > self._named_at[0]]
         if drawn:
             first, line = drawn[0]
@@ -272,7 +300,7 @@ class Preamble:
             raise AmbiguousFormatError(
                 f"{self._file.path}: line {first} ({line[:40]!r}) is a drawn line, or a row in which nothing was "
                 f"measured; if it is a row, give missing={word!r}, else leave it out with "
-                f"skip_lines='{','.join(str(n) for n, _ in drawn)}'"
+                f"{self._file.without_lines(*(n for n, _ in drawn))}"
             )
         odd = [
             (n, line)
@@ -291,23 +319,37 @@ class Preamble:
                     "fields: the comma seems to separate the columns and to be their decimal mark too, which cannot "
                     "be distinguished; export it with ';' between the columns, or with a decimal point"
                 )
-            every = ",".join(str(n) for n, _ in sorted(odd))
+            out = f"leave it out with {self._file.without_lines(*(n for n, _ in odd))}, or start it with '#'"
+            at, names = self._named_at
+            if sum(n > at for n, _ in odd) > 1:  # the names may be those of another table
+                out = (
+                    f"leave out all that stands above the rows with skip_rows='{first_row - 1}'"
+                    + (
+                        f", or, if line {at} ({names[:40]!r}) names the columns, the other lines with "
+                        f"{self._file.without_lines(*(n for n, _ in odd))}"
+                    )
+                    * (at > 0)
+                )
             raise FormatMismatchError(
                 f"{self._file.path}: line {first} ({line[:40]!r}) is neither a row of {self._n} names, "
-                f"nor of units, nor of numbers; leave it out with skip_lines='{every}', or start it with '#'"
+                f"nor of units, nor of numbers; {out}"
             )
         return [n for n, _ in self._waiting]
 
-    def take_comment(self, comments: Sequence[str]) -> None:
-        if self._names is not None or not comments or ":" in comments[-1]:
+    def take_comment(self, comments: Sequence[str], named: int) -> None:
+        """Take the names in the last comment; one whose mark is the first name (#) also below a title like names."""
+        above = self._names is not None and named <= self._named_at[0]
+        if above or not comments or ":" in comments[-1]:
             return
         below = [bare_unit(f) for f in self._dialect.split([comments[-1].strip()])[0]]
         if len(below) == self._n > 1 and len(comments) > 1 and all(below) and not self._units:
             self._units, comments = list(below), comments[:-1]
-        names = split_header(comments[-1], self._dialect.separator, self._n)
+        names = self._names_of(comments[-1])
         if names is None or any(is_number(n, self._dialect.decimal) for n in names):
             return
         if self._n > 1 or header_unit(names[0])[1] is not None:
+            if self._names is not None:
+                self._waiting.append(self._named_at)
             self._names = names
 
     def columns(self) -> tuple[tuple[str, ...], tuple[Unit | None, ...]]:
@@ -364,7 +406,7 @@ class Preamble:
         )
         raise FormatMismatchError(
             f"{self._file.path}: line {number} ({line[:40]!r}) lists {', '.join(sorted(u.name for u in told))}, and "
-            f"the columns are {said}; leave that line out with skip_lines='{number}', or correct the header"
+            f"the columns are {said}; leave that line out with {self._file.without_lines(number)}, or correct the header"
         )
 
     def warnings(self, n_rows: int) -> tuple[str, ...]:
@@ -381,7 +423,7 @@ class Preamble:
         if odd := encoding_hint(self.columns()[0]):
             found.append(odd)
         names, units = self.columns()
-        written = self._as_written or [""] * len(names)
+        written = [*self._as_written, *[""] * len(names)][: len(names)]
         for name, below, unit in zip(names, written, units, strict=True):
             capital = "" if unit is None else unit.name.upper()
             text = name if header_unit(name)[1] is not None else below

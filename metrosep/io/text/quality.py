@@ -18,6 +18,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.io.text.dialect import BEYOND, bare_unit, is_other_unit
 
 if TYPE_CHECKING:
+    from metrosep.io.source import RawFile
     from metrosep.io.text.table import Column
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "marker_of",
     "says_bad",
     "truth_of_name",
+    "where_it_turns",
 ]
 
 _BAD_TEXT = """
@@ -267,7 +269,7 @@ _MOST_RANGES = 100
 """Groups of lines that a message names; nobody types more of them."""
 
 
-def marked_bad(columns: Sequence[Column], lines: NDArray[np.int64]) -> list[str]:
+def marked_bad(file: RawFile, columns: Sequence[Column], lines: NDArray[np.int64]) -> list[str]:
     """Return a warning for each column that calls some rows bad; they are read like the others."""
     found = []
     for column in columns:
@@ -290,7 +292,29 @@ def marked_bad(columns: Sequence[Column], lines: NDArray[np.int64]) -> list[str]
         if first.size > _MOST_RANGES:
             found.append(f"{said}{most}delete these rows in the file, {first.size} groups of them")
             continue
-        ends = ((int(lines[p[0]]), int(lines[p[-1]])) for p in np.split(at, first[1:]))
-        every = ",".join(f"{a}" if a == b else f"{a}-{b}" for a, b in ends)
-        found.append(f"{said}{most}leave them out with skip_lines='{every}'")
+        found.append(f"{said}{most}leave them out with {file.without_lines(*lines[at].tolist())}")
     return found
+
+
+def where_it_turns(file: RawFile, positions: FloatArray, lines: NDArray[np.int64]) -> str:
+    """Return which lines to omit where positions turn or repeat, for a message."""
+    steps = np.sign(np.diff(positions))
+    if not steps.size or not steps[0] or lines.size != positions.size or np.isnan(steps).any():
+        return ""
+    wrong = np.flatnonzero(steps != steps[0])
+    if not wrong.size:
+        return ""
+    first, rest = wrong[0] + 1, steps[wrong[0] + 1 :]
+    if rest.size and rest[0] != steps[0] and np.ptp(rest) == 0:
+        out = np.arange(first, lines.size)
+        what = "what follows, the way back,"
+    else:  # what does not lie beyond all before it, or, where that is less, before all behind it
+        way = positions if np.sum(steps) > 0 else -positions
+        least = np.minimum.accumulate(way[::-1])[::-1]
+        turned = (way[1:] <= np.maximum.accumulate(way)[:-1], way[:-1] >= least[1:])
+        found = [np.flatnonzero(t) + k for t, k in zip(turned, (1, 0), strict=True)]
+        out = min(found, key=len)
+        what = "that line" if out.size == 1 else f"the {out.size} lines that turn back or repeat"
+    line = lines[first if len(out) > 1 else out[0]]
+    option = file.without_lines(*lines[out].tolist())
+    return f" (line {int(line)}); leave {what} out with {option}"

@@ -26,7 +26,7 @@ from metrosep.core.errors import LimitError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._plain import length
-from metrosep.process._setting_equations import bent, known_form, polar_slopes
+from metrosep.process._setting_equations import bent, known_form, polar_gradient
 from metrosep.process.nose import EdgeProfile, RoundNose, Sense, rake_error
 from metrosep.process.setting_maps import positions
 from metrosep.process.tips import Edge, tips
@@ -106,7 +106,7 @@ def edge_error(
     cuts = Edge.of(nose if actual is None else actual, sense, setting)
     xs, ys = positions(x, y)
     rho, theta = np.hypot(xs, ys).ravel(), np.arctan2(ys, xs).ravel()
-    _, along, across = polar_slopes(form, rho, theta)
+    along, across = polar_gradient(form, rho, theta)
     start = np.arctan2(along, cuts.up + cuts.lean * across)
     core = np.abs(cuts.point(start)[1] - cuts.dy)
     rho = np.fmax(rho, 10.0 * core)
@@ -257,7 +257,7 @@ def cusp_heights(
     edge = Edge.of(replace(nose, edge=None), sense)
     xs, ys = positions(x, y)
     rho, theta = np.hypot(xs, ys).ravel(), np.arctan2(ys, xs).ravel()
-    _, along, across = polar_slopes(form, rho, theta)
+    along, across = polar_gradient(form, rho, theta)
     own = edge.own_curvature(along, across)
     spare = own - bent(form, rho, theta, 1e-3 * nose.radius)
     spare = np.where(spare > 0.0, spare, np.nan)

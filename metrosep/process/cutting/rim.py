@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +101,7 @@ def _touches_outside(form: Form, radius: float, far: float, edge: Edge) -> float
     return near
 
 
+@lru_cache(maxsize=4)  # a job asks for its plan, its program and its budget
 def fits_in_ring(
     form: Form, nose: RoundNose, sense: Sense | None, core: float, radius: float
 ) -> NoseCheck:

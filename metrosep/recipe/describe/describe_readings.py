@@ -48,7 +48,11 @@ def machine_calibration_of(produced: Any, inputs: Any = None) -> Description:
     quantities["not_determined"] = quantity(
         n_null, "1", "directions that the readings do not determine"
     )
-    charts = [*_term_charts(found, seen, rotary), *_residual_charts(produced)]
+    charts = [
+        *_term_charts(found, seen, rotary),
+        *_circle_charts(found),
+        *_residual_charts(produced),
+    ]
     picture, volumetric = _picture(found, seen, rotary)
     if picture is not None:
         charts.append(picture)
@@ -222,6 +226,41 @@ def _residual_charts(produced: Any) -> list[dict[str, Any]]:
         curve_chart("Residuals in the order of time", ("number of the reading", "1"), panels)
         for panels in by_unit.values()
     ]
+
+
+_PLANES = (("X", "Y"), ("Y", "Z"), ("Z", "X"))
+"""The angle of a circle counts from the first axis to the second."""
+
+
+def _circle_charts(found: Any) -> list[dict[str, Any]]:
+    """Return the readings of a ballbar about their circle, with what the model leaves of them."""
+    from metrosep.machine.instruments import Ballbar
+
+    panels = []
+    for label, one in found.sets.items():
+        moved = {a for a, v in one.q.items() if np.ptp(v) > 0.0}
+        plane = next((p for p in _PLANES if set(p) == moved), None)
+        if not isinstance(one.instrument, Ballbar) or plane is None:
+            continue
+        a, b = (np.ravel(one.q[axis]) for axis in plane)
+        # the centre from a**2 + b**2 = 2 a a0 + 2 b b0 + c: whatever the offset of the tool
+        design = np.stack([2.0 * a, 2.0 * b, np.ones(a.size)], axis=1)
+        (a0, b0, _), _, rank, _ = np.linalg.lstsq(design, a**2 + b**2)
+        if rank < design.shape[1]:
+            continue  # along a line
+        angle = np.mod(np.arctan2(b - b0, a - a0), 2.0 * np.pi)
+        order = np.argsort(angle, kind="stable")
+        reading = np.ravel(one.values)
+        rest = np.ravel(found.residuals[label])
+        rows = [
+            curve("reading, from its mean", angle[order], (reading - np.nanmean(reading))[order]),
+            curve("what the model leaves", angle[order], rest[order]),
+        ]
+        panels.append(panel(f"{label}: angle from +{plane[0]} to +{plane[1]}", "m", rows))
+    if not panels:
+        return []
+    chart = curve_chart("Ballbar about its ball", ("angle of the place", "rad"), panels)
+    return [chart | {"closed": True, "each": True}]
 
 
 def _residual_rows(found: Any) -> dict[str, list[Any]]:

@@ -264,7 +264,11 @@ def separation_of(produced: Separation, inputs: Any = None) -> Description:
         )
     return Description(
         found,
-        (*_curves(produced, short=short), *_map_charts(produced), *_harmonics(produced)),
+        (
+            *([] if short and len(produced.coordinates) == 1 else curves_of(produced)),
+            *_map_charts(produced),
+            *_harmonics(produced),
+        ),
         _tables(produced),
         maps,
         document,
@@ -348,10 +352,8 @@ def _unlikely(part: str, coordinate: str) -> bool:
     return part.split("_", maxsplit=1)[0] != coordinate.split("_", maxsplit=1)[0]
 
 
-def _curves(produced: Separation, *, short: bool) -> list[dict[str, Any]]:
-    """Charts of curves; one coordinate and all stored: the report draws the parts themselves."""
-    if short and len(produced.coordinates) == 1:
-        return []
+def curves_of(produced: Separation) -> list[dict[str, Any]]:
+    """Charts of curves; of one coordinate, where all is stored, the report draws the parts themselves."""
     charts = []
     for name, parts in _over(produced).items():
         if _unit(name) == "1":
@@ -366,16 +368,22 @@ def _curves(produced: Separation, *, short: bool) -> list[dict[str, Any]]:
             for part, values in parts.items()
         ]
         where = _WORDS.get(name, name.replace("_", " "))
-        charts.append(
-            curve_chart(
-                f"Parts over {where}",
-                (where, _unit(name)),
-                panels,
-                caption="Each part with ± 2 standard uncertainties where they are known. What the "
-                "method cannot see is listed above. Gaps were not measured.",
-            )
+        chart = curve_chart(
+            f"Parts over {where}",
+            (where, _unit(name)),
+            panels,
+            caption="Each part with ± 2 standard uncertainties where they are known. What the "
+            "method cannot see is listed above. Gaps were not measured.",
         )
+        turned = {"closed": True, "each": True} if _unit(name) == "rad" and _is_turn(x) else {}
+        charts.append(chart | turned)
     return charts
+
+
+def _is_turn(angle: FloatArray) -> bool:
+    """Whether angles go once around: the next step would be back at the first."""
+    step = np.ptp(angle) / max(angle.size - 1, 1)
+    return bool(abs(np.ptp(angle) + step - 2.0 * np.pi) < 1.5 * step)
 
 
 _WORDS = {"x": "position", "y": "position along y", "carriage_x": "carriage position"}

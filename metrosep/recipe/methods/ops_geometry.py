@@ -1,4 +1,4 @@
-"""Steps of recipes about features measured as points: cylindricity, run-out, coaxiality, orientation.
+"""Steps of recipes about features measured as points: roundness, cylindricity, run-out, orientation.
 
 A file is the list of a coordinate measuring machine (x, y, z), or traces of a roundness instrument:
 angle, radius and height of each reading. Traces may be one file each, `heights` then says where they
@@ -10,14 +10,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core._arrays import FloatArray, IntArray
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    MetrosepError,
+    TooFewSamplesError,
+)
 from metrosep.core.inputs import RoleColumns
 from metrosep.core.methods import Method
 from metrosep.core.options import option
@@ -26,6 +31,7 @@ from metrosep.recipe.describe.charts import curve, curve_chart, panel
 from metrosep.recipe.describe.description import Description
 
 if TYPE_CHECKING:
+    from metrosep.parameters.form_result import FormDeviation
     from metrosep.parameters.geometry import DatumAxis, GeometricDeviation
 
 __all__ = ["MeasuredGeometry", "geometry_of"]
@@ -78,46 +84,20 @@ class MeasuredGeometry:
     about: str
     audit: Mapping[str, Any]
     messages: tuple[str, ...]
+    titles: Mapping[str, str] = field(default_factory=dict)  # of sections: what was found of each
+    is_trace: bool = False  # points are angle (rad), radius and height, not x, y and z
 
 
 @dataclass(frozen=True, kw_only=True)
-class _OfPoints(Method):
-    """What all of them take."""
+class _Judged(Method):
+    """What all of them do with what they read."""
 
     verb: ClassVar = "geometry"
     reads: ClassVar = "tables"
-    roles: ClassVar[Mapping[str, str]] = {
-        "x": "length?", "y": "length?", "z": "length?",
-        "angle": "angle?", "radius": "length?", "height": "length?",
-        "section": "label?", "element": "label?",
-    }  # fmt: skip
+    noisy: ClassVar[tuple[int, ...]] = (0, 1, 2)  # columns of the points that are readings
 
-    feature: str | None = option(
-        None, kind="text", help="element that is judged, where the points are of several"
-    )
-    elements: tuple[str, ...] | None = option(
-        None,
-        kind="texts",
-        help="element of each file; without it and without the column element a file is one where there is a datum",
-    )
-    heights: tuple[float, ...] | None = option(
-        None, kind="lengths", help="height of the trace in each file, where no column says it"
-    )
-    nominal_radius: float | None = option(
-        None, kind="size", help="added to the radii of traces that are deviations from a circle"
-    )
-    section_gap: float | None = option(
-        None,
-        kind="size",
-        help="points that lie farther apart along the axis are of other sections; without the column section",
-    )
-    direction: str = option(
-        "z",
-        kind="text",
-        help='roughly along the axis of the feature: x, y, z, or a vector "0.1 0 1"',
-    )
     u_reading: float | None = option(
-        None, kind="uncertainty", help="standard uncertainty of each coordinate, independent of the others, for u by Monte Carlo"
+        None, kind="uncertainty", help="standard uncertainty of each reading, independent of the others, for u by Monte Carlo"
     )  # fmt: skip
 
     @classmethod
@@ -148,9 +128,12 @@ class _OfPoints(Method):
         """Return how far each point is off, its angle, and what that is."""
         raise NotImplementedError
 
+    def _read(self, data: tuple[RoleColumns, ...]) -> Points:
+        raise NotImplementedError
+
     def _parts(self, points: Points) -> tuple[Points, ...]:
         """Return the points of the feature; of the datum after them, where there is one."""
-        return (_chosen(points, self.feature, "feature"),)
+        return (points,)
 
     def _spread(
         self, found: Sequence[GeometricDeviation], parts: tuple[Points, ...]
@@ -163,8 +146,11 @@ class _OfPoints(Method):
             )
             return (None,) * len(found), (why,)
         rng, size, drawn = np.random.default_rng(_SEED), self.u_reading, []
+        read = np.isin(np.arange(3), self.noisy)
         for _ in range(_DRAWS):
-            noisy = (replace(p, xyz=p.xyz + rng.normal(0.0, size, p.xyz.shape)) for p in parts)
+            noisy = (
+                replace(p, xyz=p.xyz + rng.normal(0.0, size, p.xyz.shape) * read) for p in parts
+            )
             drawn.append([d.value for d in self._found(*noisy)])
         values = np.array(drawn)
         lift = values.mean(axis=0) - [d.value for d in found]
@@ -174,10 +160,49 @@ class _OfPoints(Method):
         )
         about = (
             f"the standard uncertainty is that of {_DRAWS} draws of independent noise of "
-            f"{format_length(size)} of each coordinate; such noise also lifts the values, {words}; scale, "
+            f"{format_length(size)} of each reading; such noise also lifts the values, {words}; scale, "
             "spindle and datum of the instrument are not in it"
         )
         return tuple(float(s) for s in values.std(axis=0, ddof=1)), (about,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _OfPoints(_Judged):
+    """Of points with three coordinates."""
+
+    roles: ClassVar[Mapping[str, str]] = {
+        "x": "length?", "y": "length?", "z": "length?",
+        "angle": "angle?", "radius": "length?", "height": "length?",
+        "section": "label?", "element": "label?",
+    }  # fmt: skip
+
+    feature: str | None = option(
+        None, kind="text", help="element that is judged, where the points are of several"
+    )
+    elements: tuple[str, ...] | None = option(
+        None,
+        kind="texts",
+        help="element of each file; without it and without the column element a file is one where there is a datum",
+    )
+    heights: tuple[float, ...] | None = option(
+        None, kind="lengths", help="height of the trace in each file, where no column says it"
+    )
+    nominal_radius: float | None = option(
+        None, kind="size", help="added to the radii of traces that are deviations from a circle"
+    )
+    section_gap: float | None = option(
+        None,
+        kind="size",
+        help="points that lie farther apart along the axis are of other sections; without the column section",
+    )
+    direction: str = option(
+        "z",
+        kind="text",
+        help='roughly along the axis of the feature: x, y, z, or a vector "0.1 0 1"',
+    )
+
+    def _parts(self, points: Points) -> tuple[Points, ...]:
+        return (_chosen(points, self.feature, "feature"),)
 
     # ---- reading ------------------------------------------------------------------------------
 
@@ -187,21 +212,7 @@ class _OfPoints(Method):
                 raise DataError(
                     f"{name}= lists {len(given)} values for {len(data)} file(s); give one for each file"
                 )
-        parts = [self._of_file(k, file, len(data)) for k, file in enumerate(data)]
-        xyz = np.concatenate([p.xyz for p in parts])
-        element, section = (
-            np.concatenate([getattr(p, n) for p in parts]) for n in ("element", "section")
-        )
-        lost = np.isnan(xyz).any(axis=1)
-        if np.isinf(xyz).any():
-            raise InvalidSamplesError("a coordinate is infinite; leave the point out")
-        if lost.all():
-            raise TooFewSamplesError("no point has all of its coordinates; check the columns")
-        notes = (
-            [f"{int(lost.sum())} points without a coordinate were omitted"] if lost.any() else []
-        )
-        notes += [n for p in parts for n in p.notes]
-        return Points(xyz, element, section, tuple(dict.fromkeys(notes)))[~lost]
+        return _joined([self._of_file(k, file, len(data)) for k, file in enumerate(data)])
 
     def _of_file(self, k: int, file: RoleColumns, n_files: int) -> Points:
         values = file.values
@@ -285,6 +296,119 @@ class _OfPoints(Method):
                 "heights, or state section_gap=..."
             )
         return labels
+
+
+@dataclass(frozen=True, kw_only=True)
+class Roundness(_Judged):
+    """`metrosep.parameters.deviation.roundness_deviation` of one or more traces by its name."""
+
+    name: ClassVar[str] = "roundness"
+    what: ClassVar[str] = (
+        "roundness RONt of one or more traces: angle and radius, or deviation from a circle"
+    )
+    roles: ClassVar[Mapping[str, str]] = {
+        "angle": "angle", "radius": "length", "height": "length?", "section": "label?",
+    }  # fmt: skip
+    noisy: ClassVar[tuple[int, ...]] = (1,)
+
+    reference: str = option(
+        "MZ", kind="text", choices=("MZ", "LS", "MC", "MI"), help="minimum zone, least squares, smallest circumscribed or largest inscribed circle"
+    )  # fmt: skip
+    nominal_radius: float | None = option(
+        None, kind="size", help="radius from which deviations are counted: says how far a limacon is from a circle; needed where exact"
+    )  # fmt: skip
+    exact: bool = option(
+        default=False,
+        kind="flag",
+        help="true circles in place of limacons R + a cos + b sin, for large eccentricities",
+    )
+
+    def evaluated(self, data: tuple[RoleColumns, ...]) -> MeasuredGeometry:
+        """Return the roundness of the worst section, with the circle of each."""
+        made = super().evaluated(data)
+        titles, notes = {}, list(made.messages)
+        for label, _, one in self._circles(made.points):
+            a, b = (one.reference_parameters[k].value for k in "ab")
+            shift = format_length(float(np.hypot(a, b)))
+            titles[label] = (
+                f"{f'{label}: ' if label else ''}RONt {format_length(one.value)}, centre {shift} off at "
+                f"{np.degrees(np.arctan2(b, a)) % 360.0:.4g} deg"
+            )
+            notes += [f"section {label}: {n}" if label else n for n in one.notes[:1]]
+        messages = tuple(dict.fromkeys(notes))
+        return replace(made, titles=titles, messages=messages, is_trace=True)
+
+    def _read(self, data: tuple[RoleColumns, ...]) -> Points:
+        return _joined([self._of_file(file, several=len(data) > 1) for file in data])
+
+    def _of_file(self, file: RoleColumns, *, several: bool) -> Points:
+        angle, radius = file.values["angle"], file.values["radius"]
+        height = file.values.get("height", np.zeros(angle.size))
+        section = file.values.get("section")
+        if section is None and "height" in file.values:
+            section = np.array([f"{h * 1e3:.6g} mm" for h in height])
+        if section is None:
+            section = np.full(angle.size, file.name if several else "")
+        xyz = np.stack([angle, radius, height], axis=1)
+        return Points(xyz, np.full(angle.size, ""), section.astype(str))
+
+    def _circles(self, points: Points) -> list[tuple[str, IntArray, FormDeviation]]:
+        """Return each section with its points in the order of the angle, and what it deviates."""
+        from metrosep.core.profile import Profile
+        from metrosep.parameters.deviation import roundness_deviation
+
+        made, reference = [], cast("Any", self.reference)
+        for label in dict.fromkeys(points.section.tolist()):
+            inside = np.flatnonzero(points.section == label)
+            angle, inside = _one_turn(points.xyz[inside, 0], inside)
+            try:
+                found = roundness_deviation(
+                    Profile(angle, points.xyz[inside, 1]),
+                    reference=reference,
+                    exact=self.exact,
+                    radius=self.nominal_radius,
+                )
+            except MetrosepError as exc:
+                exc.args = (f"{f'section {label}: ' if label else ''}{exc}", *exc.args[1:])
+                raise
+            made.append((label, inside, found))
+        return made
+
+    def _found(self, feature: Points, *datum: Points) -> tuple[GeometricDeviation, ...]:
+        from metrosep.parameters.geometry import GeometricDeviation
+
+        circles, found = self._circles(feature), []
+        for symbol in ("RONt", "RONp", "RONv", "RONq"):
+            _, inside, worst = max(circles, key=lambda c: c[2].table[symbol].value)
+            value = worst.table[symbol]
+            of = "" if len(circles) == 1 else ", worst section"
+            support = inside[worst.support.indices]
+            about = f"{self.reference}CI"
+            words = value.definition.partition(", ISO")[0].replace(f" ({about})", "") + of
+            edition = "ISO 12181-1:2011"
+            found.append(
+                GeometricDeviation(value.value, symbol, words, about, "", support, edition)
+            )
+        return tuple(found)
+
+    def _off(self, feature: Points, *datum: Points) -> tuple[FloatArray, FloatArray | None, str]:
+        off = np.full(len(feature.xyz), np.nan)
+        for _, inside, one in self._circles(feature):
+            off[inside] = one.residual.z
+        angle = np.mod(feature.xyz[:, 0], 2.0 * np.pi)
+        return off, angle, f"from the {self.reference}CI of its section"
+
+
+def _one_turn(angle: FloatArray, at: IntArray) -> tuple[FloatArray, IntArray]:
+    """Return angles that rise, and the points in that order: a trace may run backwards and through zero."""
+    whole = np.unwrap(angle)
+    if np.all(np.diff(whole) < 0.0):
+        return whole[::-1], at[::-1]
+    if np.all(np.diff(whole) > 0.0):
+        return whole, at
+    whole = np.mod(angle, 2.0 * np.pi)
+    order = np.argsort(whole, kind="stable")
+    return whole[order], at[order]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -505,6 +629,22 @@ class Perpendicularity(_Orientation):
     lies: ClassVar[str] = "at right angles"
 
 
+def _joined(parts: Sequence[Points]) -> Points:
+    """Return the points of all files that have all of their coordinates."""
+    xyz = np.concatenate([p.xyz for p in parts])
+    element, section = (
+        np.concatenate([getattr(p, n) for p in parts]) for n in ("element", "section")
+    )
+    lost = np.isnan(xyz).any(axis=1)
+    if np.isinf(xyz).any():
+        raise InvalidSamplesError("a coordinate is infinite; leave the point out")
+    if lost.all():
+        raise TooFewSamplesError("no point has all of its coordinates; check the columns")
+    notes = [f"{int(lost.sum())} points without a coordinate were omitted"] if lost.any() else []
+    notes += [n for p in parts for n in p.notes]
+    return Points(xyz, element, section, tuple(dict.fromkeys(notes)))[~lost]
+
+
 # ---- elements, directions, datums --------------------------------------------------------------
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -640,9 +780,10 @@ def geometry_of(produced: MeasuredGeometry, inputs: Any = None) -> Description:
         for d, u in zip(produced.found, produced.u, strict=True)
     }
     points = produced.points
-    columns: dict[str, Any] = {
-        f"{name}_mm": points.xyz[:, k] * 1e3 for k, name in enumerate(_CARTESIAN)
-    }
+    named = zip(("angle_deg", "radius_um", "height_mm"), (180.0 / np.pi, 1e6, 1e3), strict=True)
+    if not produced.is_trace:
+        named = zip((f"{name}_mm" for name in _CARTESIAN), (1e3, 1e3, 1e3), strict=True)
+    columns: dict[str, Any] = {n: points.xyz[:, k] * f for k, (n, f) in enumerate(named)}
     columns["off_um"] = produced.off * 1e6
     if points.has_sections:
         columns["section"] = points.section.tolist()
@@ -655,7 +796,11 @@ def geometry_of(produced: MeasuredGeometry, inputs: Any = None) -> Description:
             "association": d.association,
             "datum": d.datum,
             "edition": d.edition,
-            "support_m": points.xyz[d.support[:_PANELS]].tolist(),
+            **(
+                {}
+                if produced.is_trace
+                else {"support_m": points.xyz[d.support[:_PANELS]].tolist()}
+            ),
         }
         for d in produced.found
     ]
@@ -679,7 +824,11 @@ def _chart(produced: MeasuredGeometry) -> dict[str, Any]:
         return curve_chart(
             "Deviation of the points", (title, "m"), [panel("", "m", rows)], caption=words
         )
-    labels = points.section if points.has_sections else np.full(off.size, "all points")
+    labels = (
+        points.section
+        if points.has_sections or produced.is_trace
+        else np.full(off.size, "all points")
+    )
     known = list(dict.fromkeys(labels.tolist()))
     if len(known) > _PANELS:
         words += f" {_PANELS} of {len(known)} sections are drawn."
@@ -688,5 +837,6 @@ def _chart(produced: MeasuredGeometry) -> dict[str, Any]:
         inside = np.flatnonzero(labels == label)
         order = inside[np.argsort(produced.angle[inside])]
         rows = [curve("", produced.angle[order], off[order], points=order.size < 40)]
-        panels.append(panel(str(label), "m", rows))
-    return curve_chart("Deviation of the points", ("angle", "rad"), panels, caption=words)
+        panels.append(panel(produced.titles.get(label, str(label)), "m", rows))
+    chart = curve_chart("Deviation of the points", ("angle", "rad"), panels, caption=words)
+    return chart | {"closed": True, "each": True}

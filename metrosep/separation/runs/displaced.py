@@ -25,7 +25,7 @@ DISPLACED = "is displaced by"
 """How a finding of a displaced run begins."""
 
 SURE = 5.0
-"""Standard uncertainties beyond which gain or shift differ from those of the other runs."""
+"""Standard uncertainties beyond which gain, shift or delay differ from those of the other runs."""
 
 _RARE = 1e-5
 """Chance by which scatter like that of the other runs would take a run so far off."""
@@ -35,10 +35,6 @@ _TRUSTED = 4.0
 
 _TRIMMED, _TRIM_GROWS = 5, 1.5
 """Of so many others the one farthest off is left out; the sum of squares without it grows by this."""
-
-_SURE_LAG = 6.0
-"""Standard uncertainties of a delay; of the few feedrates its u is known to a factor only, and a
-line near a wave of the error makes 4.4 of it in clean runs. The joint method has a better test."""
 
 
 @dataclass(slots=True)
@@ -176,7 +172,7 @@ def _delay(
     left = place - lag * speed
     left = (left - weight @ left / weight.sum()) * np.sqrt(weight)
     u_lag = information**-0.5 * max(1.0, math.sqrt(float(left @ left) / max(len(groups) - 2, 1)))
-    return (lag, u_lag) if abs(lag) > _SURE_LAG * u_lag else None
+    return (lag, u_lag) if abs(lag) > SURE * u_lag else None
 
 
 def _u_together(own: FloatArray, shared: FloatArray) -> float:

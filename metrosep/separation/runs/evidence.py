@@ -450,7 +450,7 @@ def _messages(
 # do. Nothing here changes a result.
 
 _PEAK_RATIO = 6.0
-"""A resonance stands this much above the median of the noise model's spectrum around it."""
+"""A resonance stands this much above the noise model's spectrum on both sides of it."""
 
 _PEAK_SHARE = 0.02
 """Least share of the noise variance in a resonance that is worth a sentence."""
@@ -479,19 +479,18 @@ def _close_feeds(feeds: tuple[float, ...], travel: float) -> list[str]:
 
 def noise_peaks(model: AutoregressiveModel, *, n_max: int = 4) -> list[float]:
     """Return the frequencies of the strongest resonances of a noise model."""
+    from scipy.signal import find_peaks
+
     if model.order < 2:
         return []
     nyquist = 0.5 / model.time_step
     frequency = np.linspace(0.0, nyquist, 4097)[1:-1]
     density = model.psd(frequency)
     step = frequency[1] - frequency[0]
-    inner = np.flatnonzero((density[1:-1] > density[:-2]) & (density[1:-1] >= density[2:])) + 1
-    background = float(np.median(density))
+    peaks, _ = find_peaks(np.log(density), prominence=math.log(_PEAK_RATIO))
     found: list[tuple[float, float]] = []
-    for i in inner:
-        if density[i] < _PEAK_RATIO * background:
-            continue
-        above = density > density[i] / 10.0
+    for i in peaks.tolist():
+        above = (density > density[i] / 10.0) & (density <= density[i])
         left = i - int(np.argmin(above[i::-1])) if not above[: i + 1].all() else 0
         right = i + int(np.argmin(above[i:])) if not above[i:].all() else density.size
         share = float(density[left:right].sum() * step)
@@ -609,7 +608,7 @@ def said_lag(lag_ms: float, digits: str = ".3g") -> str:
     return f"{way} the position by {abs(lag_ms):{digits}} ms"
 
 
-_SURELY = 0.99
+SURELY = 0.99
 """Probability from which it is reported that the runs are displaced."""
 
 _LOST = 0.1
@@ -619,10 +618,9 @@ _LOST = 0.1
 def explain_displacement(solution: Solution) -> tuple[str, ...]:
     """Say by how much the places of the runs scatter, where they do, and which waves it takes."""
     found = solution.displaced
-    if found.probability < _SURELY:
+    if found.probability < SURELY:
         return ()
-    # The mean of cos(2 pi (x - d)/l) over d of N(0, sd^2) is exp(-(2 pi sd / l)^2 / 2) of the wave.
-    held = 2.0 * math.pi * found.sd / math.sqrt(-2.0 * math.log1p(-_LOST))
+    held = lost_below(found.sd)
     only = ""
     if held > solution.period / solution.n_harmonics:
         only = (
@@ -631,11 +629,24 @@ def explain_displacement(solution: Solution) -> tuple[str, ...]:
         )
     return (
         (
-            f"the runs lie apart along the axis, each by its own, {format_length(found.sd, digits=2)} (sd): "
-            f"the uncertainty holds it{only}, and a lag is less well known; position_offsets=true (command "
-            "line: --set position_offsets=true) fits the place of each run"
+            f"{said_apart(found.sd)}: the uncertainty holds it{only}, and a lag is less well known; "
+            "position_offsets=true (command line: --set position_offsets=true) fits the place of each "
+            "run"
         ),
     )
+
+
+def said_apart(sd: float) -> str:
+    """Return how a scatter of the places of the runs is said."""
+    return (
+        f"the runs lie apart along the axis, each by its own, {format_length(sd, digits=2)} (sd)"
+    )
+
+
+def lost_below(sd: float) -> float:
+    """Return the wavelength below which the mean of displaced runs loses more than a tenth."""
+    # The mean of cos(2 pi (x - d)/l) over d of N(0, sd^2) is exp(-(2 pi sd / l)^2 / 2) of the wave.
+    return 2.0 * math.pi * sd / math.sqrt(-2.0 * math.log1p(-_LOST))
 
 
 def explain_slip(solution: Solution, *, sparse: bool, placed: bool) -> tuple[str, ...]:

@@ -121,14 +121,7 @@ def solve_joint(
         if options.lines and options.lines != "auto":
             place_lines(system, model, options.lines)
             _pass(system, model, most=6)
-        for i in range(_WHITE_ROUNDS):
-            before = [n.variance for n in system.noise]
-            _pass(system, model, most=5, order=0)
-            pairs = zip(system.noise, before, strict=True)
-            if i >= 2 and all(n.variance > _SETTLED * old for n, old in pairs):
-                break
-        for _ in range(2):
-            _pass(system, model, most=10, order=None, above=2.0)
+        _learn_noise(system, model)
         found = find_lines(system, model, options)
         choose_following(system, model, options)
         sure = lag_mode == "fit"
@@ -173,6 +166,18 @@ def solve_joint(
             displaced=displaced,
             unpredicted=[r * system.scale for r in unpredicted],
         )
+
+
+def _learn_noise(system: System, model: Model) -> None:
+    """Learn the size of white noise until it settles, then noise with memory."""
+    for i in range(_WHITE_ROUNDS):
+        before = [n.variance for n in system.noise]
+        _pass(system, model, most=5, order=0)
+        pairs = zip(system.noise, before, strict=True)
+        if i >= 2 and all(n.variance > _SETTLED * old for n, old in pairs):
+            break
+    for _ in range(2):
+        _pass(system, model, most=10, order=None, above=2.0)
 
 
 def _pass(
@@ -544,8 +549,10 @@ def find_lines(system: System, model: Model, options: JointOptions) -> list[Foun
         system.set_terms(
             frequencies=[f.frequency for f in found], wavenumbers=system.terms.wavenumbers
         )
+        # A peak that the noise has learnt of a line would stay beside it: nothing else is read there.
+        system.start_noise()
         _pass(system, model, most=3)
-        _pass(system, model, most=6, order=None, above=1.0)
+        _learn_noise(system, model)
     return found
 
 

@@ -71,7 +71,7 @@ class System:
         spread = float(np.sqrt(np.mean([np.nanmean((z - np.nanmean(z)) ** 2) for z in self.z])))
         self.line_sd = LINE_SD * max(spread, 1.0)
         self.groups = time_step_groups(runs)
-        self.noise = [white(0.25, runs[g[0]].time_step) for g in self.groups]
+        self.start_noise()
         self.gain = np.ones(len(runs))  # of the Fourier basis in each run
         self.slope_gain = np.ones(len(runs))
         self.unknowns: list[Unknown] = []
@@ -302,6 +302,10 @@ class System:
                 level -= float(run.level[at] @ part)
             out.append((level, slip))
         return out
+
+    def start_noise(self) -> None:
+        """Take the noise for white, of half the RMS of the readings."""
+        self.noise = [white(0.25, self.runs[g[0]].time_step) for g in self.groups]
 
     def update_noise(self, model: Model, *, most: int | None = None) -> None:
         """Fit the noise model of every group anew, to draws of the residual."""

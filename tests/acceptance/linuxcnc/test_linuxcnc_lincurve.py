@@ -41,19 +41,19 @@ HOME_MM = 3.5  # where joint 0 says it stands after homing on the spot
 N_POINTS = 100  # seven curves
 
 PINS = ("joint.0.motor-pos-cmd", "joint.0.f-error", "joint.1.f-error")
-PINS += ("joint.1.motor-pos-cmd", "joint.1.pos-fb", "drive.out", "comp-cmd.in1")
+PINS += ("joint.1.motor-pos-cmd", "joint.1.pos-fb", "drive.out", "comp-0-1-cmd.in1")
 
 BEFORE = """\
 loadrt scale names=encoder,drive
 setp encoder.gain 1
 setp drive.gain 1
 addf encoder servo-thread
-net comp-encoder encoder.out
+net comp-0-1-encoder encoder.out
 net x-motor joint.0.motor-pos-cmd => joint.0.motor-pos-fb
 """
 AFTER = """\
 addf drive servo-thread
-net comp-drive => drive.in
+net comp-0-1-drive => drive.in
 net z-position drive.out => encoder.in
 """
 REPLACED = ("net x-motor", "net z-motor", "addf motion-")  # by the file, as its activation says
@@ -152,7 +152,7 @@ def test_drive_of_z_gets_what_metrosep_simulates(seen, written):
     simulated = LinuxCNCLincurve().lookup(written, NOWHERE)(seen["x"] * MM) / MM
 
     np.testing.assert_allclose(seen["correction"], simulated, rtol=0, atol=PRINT_MM)
-    np.testing.assert_allclose(seen["comp-cmd.in1"], simulated, rtol=0, atol=ROUNDING_MM)
+    np.testing.assert_allclose(seen["comp-0-1-cmd.in1"], simulated, rtol=0, atol=ROUNDING_MM)
 
 
 def test_display_shows_the_target_and_x_is_not_moved(seen):
@@ -171,7 +171,7 @@ def test_as_many_curves_as_the_controller_loads(tmp_path):
     print(
         f"{CHAIN_POINTS} points, largest deviation {np.abs(seen['correction'] - expected).max():.2e} mm"
     )
-    assert written.count(b"addf comp-sum-") == 63
+    assert written.count(b"addf comp-0-1-s-") == 63
     assert seen["messages"] == []
     np.testing.assert_allclose(seen["correction"], expected, rtol=0, atol=TOLERANCE_MM)
 

@@ -47,12 +47,10 @@ loadrt scale names=encoder,drive
 setp encoder.gain 1
 setp drive.gain 1
 addf encoder servo-thread
-net comp-encoder encoder.out
+net comp-{a}-{b}-encoder encoder.out
 net other-motor joint.{a}.motor-pos-cmd => joint.{a}.motor-pos-fb
 """
-AFTER = (
-    "addf drive servo-thread\nnet comp-drive => drive.in\nnet b-position drive.out => encoder.in\n"
-)
+AFTER = "addf drive servo-thread\nnet comp-{a}-{b}-drive => drive.in\nnet b-position drive.out => encoder.in\n"
 REPLACED = ("net x-motor", "net z-motor", "addf motion-")
 
 
@@ -66,11 +64,20 @@ def visit(folder, targets, *, table=None, chain=None, source=0, target=1):
     if chain is not None:
         settings = settings.replace(TABLE, "")
         kept = "".join(s for s in lines.splitlines(keepends=True) if not s.startswith(REPLACED))
-        lines = kept + DRIVE.format(a=source) + chain.decode() + AFTER
+        lines = (
+            kept
+            + DRIVE.format(a=source, b=target)
+            + chain.decode()
+            + AFTER.format(a=source, b=target)
+        )
     hal.write_text(lines)
     ini.write_text(settings)
     wanted.write_text(json.dumps(np.asarray(targets, dtype=float).tolist()))
-    pins = ["comp-cmd.in1", "drive.out", f"joint.{target}.motor-pos-cmd"] if chain else []
+    pins = (
+        [f"comp-{source}-{target}-cmd.in1", "drive.out", f"joint.{target}.motor-pos-cmd"]
+        if chain
+        else []
+    )
     command = [sys.executable, HERE / "run.py", table or hal, wanted, "--limit", f"{LIMIT_S:g}"]
     command += ["-o", folder / "result.json", "--hal", hal, "--ini", ini, "--axes", "CZ"]
     command += [word for pin in pins for word in ("--pin", pin)]
