@@ -26,5 +26,5 @@ def metrosep(capsys):
 
 
 @pytest.fixture(autouse=True)
-def _once_here(separations_once, without_figures):
+def _once_here(separations_once, uncertainties_once, without_figures):
     """These tests ask what becomes of a separation, not whether it repeats itself, and read the text."""

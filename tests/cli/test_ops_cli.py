@@ -185,7 +185,10 @@ def separated(tmp_path_factory):
     folder = Path(__file__).parents[2] / "examples" / "straightness"
     out = tmp_path_factory.mktemp("separated") / "out"
     text = (folder / "recipe.toml").read_text("utf-8")  # as it stands: tests/recipe/test_examples
-    text = text[: text.index("[[step]]")] + '[[step]]\nop = "separate"\nlength = "45 mm"\n'
+    text = (
+        text[: text.index("[[step]]")]
+        + '[[step]]\nop = "separate"\nlength = "45 mm"\nshortest = "1 mm"\n'
+    )
     ms.Recipe.parse(text).run(folder / "runs.csv", out=out)
     return out
 

@@ -148,6 +148,8 @@ def test_lost_motion_of_runs_with_holes_at_one_end_is_that_of_the_middle():
 # ---- the joint method: parts at several feedrates, a vibration that is geometry at none of them --------
 
 JOINT_PARTS = ((0, 45), (30, 75), (55, 100))
+WHOLE = {"start": 0.0, "length": 0.1, "shortest": 3e-3}
+"""The travel of all parts, and less than half of what the error holds: shorter harmonics only cost time."""
 
 
 def joint_parts(ends, slopes, ways=(1,), seed=8):
@@ -176,7 +178,7 @@ def joint_fault(found, way=1):
 
 def test_parts_with_slopes_of_their_own_are_one_error_to_the_joint_method():
     """With one line for all the error bent at each joint: 29 nm off in a band of 4 nm, nothing said."""
-    found = separate(joint_parts(JOINT_PARTS, (0.0, 3.0, -2.0)), start=0.0, length=0.1)
+    found = separate(joint_parts(JOINT_PARTS, (0.0, 3.0, -2.0)), **WHOLE)
 
     rest, sd = joint_fault(found)
     assert np.abs(rest).max() < FINE
@@ -187,7 +189,7 @@ def test_parts_with_slopes_of_their_own_are_one_error_to_the_joint_method():
 
 def test_two_parts_that_share_a_middle_in_both_directions():
     """The zero of each run is 400 nm off: the u of the lost motion holds that."""
-    found = separate(joint_parts(((0, 60), (40, 100)), (0.0, 4.0), (1, -1)), start=0.0, length=0.1)
+    found = separate(joint_parts(((0, 60), (40, 100)), (0.0, 4.0), (1, -1)), **WHOLE)
 
     assert abs(found.lost_motion.value + 90 * NM) < 3.0 * found.lost_motion.u
     for way in (1, -1):
@@ -213,7 +215,7 @@ def test_short_overlaps_do_not_bend_the_error_of_parts(pitch, overlap):
             nm = 40.0 * np.sin(2.0 * np.pi * mm / 220.0 + 0.7) + slope * (mm - low)
             nm += 50.0 * rng.standard_normal() + rng.standard_normal(mm.size)
             runs.append(Run(mm * MM, nm * NM, feed=feed * MM, run_id=f"p{len(runs)}"))
-    found = separate(RunSet(runs), start=0.0, length=0.66)
+    found = separate(RunSet(runs), start=0.0, length=0.66, shortest=20e-3)
 
     x = np.linspace(0.0, 660.0, 331)
     rest = without_line(
