@@ -68,7 +68,10 @@ TURNED = [*rows(ANGLES, DEVIATIONS)[:-1], (315.0, 14.0, 14.0, 0.0)]
 CASES = {
     "turn.xlsx": (WHOLE, profile(DEVIATIONS, **OPTIONS)),
     "hole.xlsx": (workbook(rows(ANGLES, HOLE)), profile(HOLE, **OPTIONS)),
-    "no-unit.xlsx": (WHOLE, {"error": "UnitError", "match": "declare unit='um' and radius='25 mm'"}),
+    "no-unit.xlsx": (
+        WHOLE,
+        {"error": "UnitError", "match": "declare unit='um' and radius='25 mm'"},
+    ),
     "contradiction.xlsx": (
         workbook(TURNED),
         {"error": "FormatMismatchError", "match": "is not a roundness trace"},
