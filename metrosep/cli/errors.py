@@ -109,6 +109,7 @@ def as_options(message: str, names: Collection[str], facts: Collection[str] = ()
         name = found.group(1).replace("_", "-")
         return f"--{name} {value}" if value and value != "True" else f"--{name}"
 
+    message = re.sub(r"\bunit=\{'([^']*)': '([^']*)'\}", r"unit='\1:\2'", message)
     if "x" in names or "settings" in names:
         message = re.sub(r"\b([a-z]+)=\('([^']*)', '([^']*)'\)", r"\1='\2:\3'", message)
     if "x" in names:
