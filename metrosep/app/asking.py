@@ -145,14 +145,17 @@ def ask_rows(file: Path, given: Mapping[str, Any], why: MetrosepError) -> Ask | 
     """Return the question which row of a map is on top; nothing is proposed, since a guess would be taken."""
     if "row_order=" not in str(why) or "row_order" in given:
         return None
-    field = {
+    return Ask(str(why).partition(";")[0], "row_order", str(file), [_rows_field(given)])
+
+
+def _rows_field(given: Mapping[str, Any]) -> dict[str, Any]:
+    return {
         "name": "row_order",
         "label": "Order of the rows in the file: compare the map with the picture of the instrument",
-        "value": "",
+        "value": str(given.get("row_order", "")),
         "choices": list(ROW_ORDERS),
         "hint": ROW_ORDERS[1],
     }
-    return Ask(str(why).partition(";")[0], "row_order", str(file), [field])
 
 
 def ask_columns(files: Sequence[Path], given: Mapping[str, Any], why: str) -> Ask:
@@ -246,7 +249,7 @@ def _trace_of(file: Path, columns: Sequence[tuple[str, str | None]]) -> dict[str
 
 def _map_fields(given: Mapping[str, Any]) -> list[dict[str, Any]]:
     choices = {"unit": list(_LENGTHS), "lateral_step": []}
-    return [
+    fields = [
         {
             "name": name,
             "label": label,
@@ -256,6 +259,7 @@ def _map_fields(given: Mapping[str, Any]) -> list[dict[str, Any]]:
         }
         for name, label in _MAP.items()
     ]
+    return [*fields, _rows_field(given)]
 
 
 def _may_be_map(file: Path, given: Mapping[str, Any]) -> bool:

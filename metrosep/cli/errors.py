@@ -110,6 +110,7 @@ def as_options(
 
     if names:
         message = _CALL.sub(lambda found: "use " if found[1] else "", message)
+    message = re.sub(r"\bunit=\{'([^']*)': '([^']*)'\}", r"unit='\1:\2'", message)
     if "x" in names or "settings" in names:
         message = re.sub(r"\b([a-z]+)=\('([^']*)', '([^']*)'\)", r"\1='\2:\3'", message)
     if "x" in names:

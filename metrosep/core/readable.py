@@ -14,6 +14,7 @@ from metrosep.core.units import format_length, parse_unit
 __all__ = [
     "did_you_mean",
     "digits_of",
+    "nearest",
     "readable_text",
     "readable_unit",
     "said_value",
@@ -188,12 +189,18 @@ def said_value(value: object) -> str:
 
 def did_you_mean(word: object, known: Iterable[object]) -> str:
     """Return the question whether the nearest known word was meant, after a blank; empty where none is near."""
+    near = nearest(word, known)
+    return f' Did you mean "{near}"?' if near else ""
+
+
+def nearest(word: object, known: Iterable[object]) -> str:
+    """Return the known word that is like another one, whatever the capitals; empty where none is near."""
     import difflib
 
     text = str(word)
     names = {str(k).lower(): str(k) for k in known}
     near = difflib.get_close_matches(text.lower(), names, n=1) if len(text) <= _LONGEST else []
-    return f' Did you mean "{names[near[0]]}"?' if near else ""
+    return names[near[0]] if near else ""
 
 
 _LONGEST = 200

@@ -168,6 +168,7 @@ def read_any(
             file, channel=channel, lateral_step=lateral_step, unit=unit, row_order=row_order
         )
     file.hash_aside()
+    unit = _by_name(unit)
     reader = description.load_reader()
     accepted = accepted_options(reader.read)
     order = checked_row_order(file, layout.get("row_order"))
@@ -188,6 +189,14 @@ def read_any(
     if order is not None:
         _require_rows(file, obj, order)
     return obj
+
+
+def _by_name(unit: Any) -> Any:
+    """Return units that a command gives by name, "xy:um,z:nm", as a mapping; any other unit as it is."""
+    if not isinstance(unit, str) or ":" not in unit:
+        return unit
+    parts = [part.rpartition(":") for part in unit.split(",")]
+    return {name.strip(): own.strip() for name, _, own in parts}
 
 
 class RowsShownError(ReadOptionError):

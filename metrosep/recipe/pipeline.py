@@ -249,8 +249,8 @@ def run_step(
     """Return what one step makes of an object; of a coarse preview without its uncertainty."""
     if not isinstance(obj, Surface | Profile):
         raise InvalidSamplesError(
-            f"the steps of a measurement need a profile or a map, got a {type(obj).__name__}; name "
-            "a channel, or separate it first"
+            f"the steps of a measurement need a profile or a map, got a {type(obj).__name__}; "
+            "separate it first, or read two columns of a text as a profile with x= and z="
         )
     options = checked_step(step)
     op = options["op"]

@@ -252,8 +252,8 @@ def _read(recipe: Recipe, files: list[Path], tell: Tell) -> Measured:
     obj = read(files[0], **reading_options(recipe.input))
     if not isinstance(obj, Surface | Profile):
         raise InvalidSamplesError(
-            f"{files[0]}: holds a {type(obj).__name__}, and the steps need a profile or a map; name "
-            "a channel in [input], or separate it first"
+            f"{files[0]}: holds a {type(obj).__name__}, and the steps need a profile or a map; "
+            "separate it first, or read two columns of a text as a profile with x and z in [input]"
         )
     return obj
 

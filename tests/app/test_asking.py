@@ -228,6 +228,22 @@ def test_a_matrix_is_opened_as_a_map_by_what_is_asked(tmp_path, suffix, separato
     assert opened.material.obj.z == pytest.approx(1e-6 * np.round(z, 5), abs=1e-18)
 
 
+def test_the_rows_of_a_matrix_are_asked_for_with_it(tmp_path):
+    path, z = matrix(tmp_path, "txt", " ")
+    session = Session(Places([tmp_path]))
+    with pytest.raises(Ask) as asked:
+        session.open([str(path)])
+    fields = {f["name"]: f for f in asked.value.fields}
+    answers = {name: field["value"] for name, field in fields.items()}
+    given = {"unit": "um", "lateral_step": "3 um", "row_order": fields["row_order"]["choices"][1]}
+
+    session.open([str(path)], {**answers, **given})
+
+    opened, _ = session.need()
+    assert opened.material.obj.z[0] == pytest.approx(1e-6 * np.round(z[-1], 5), abs=1e-18)
+    assert opened.material.obj.metadata["orientation_evidence"] == "stated"
+
+
 def test_columns_with_names_and_two_columns_are_no_map(tmp_path):
     of = lambda path: {f["name"] for f in ask_columns([path], {}, "why").fields}  # noqa: E731
     assert "lateral_step" not in of(table(tmp_path, "x,z,y"))

@@ -328,6 +328,30 @@ def test_info_says_why_a_table_is_no_object_and_refuses_with_options_that_make_n
     assert "3 column(s) of numbers" in said
 
 
+def test_units_by_name_are_given_to_a_command_as_its_hints_print_them(tmp_path, capsys):
+    from metrosep.cli.errors import as_options
+
+    path = tmp_path / "data.csv"
+    path.write_text(UNTIDY["no names"], "utf-8")
+    hint = as_options("declare unit={'column1': 'mm'}", ("unit", "settings"))
+    assert hint == "declare --unit column1:mm"
+
+    code, said = code_and_words(capsys, "info", str(path), "--unit", "column1:mm,column2:um")
+
+    assert code == 0
+    assert "step 100 um" in said
+
+
+def test_a_name_that_is_no_column_names_the_file_once(tmp_path):
+    path = tmp_path / "data.csv"
+    path.write_text(UNTIDY["three"], "utf-8")
+
+    with pytest.raises(ms.errors.MetrosepError) as caught:
+        ms.read(path, x="foo", z="z_um")
+
+    assert str(caught.value).count(str(path)) == 1
+
+
 REFUSED = ("st/nonsense_txt_file.txt", "upm/D906-1-result.txt")
 """Files of the corpus that hold no measurement."""
 

@@ -106,6 +106,44 @@ def test_smd_keeps_every_digit_and_its_sum_is_right(profile, tmp_path):
     assert back.metadata["warnings"] == (back.metadata["unproven"],)
 
 
+UNTIDY = {
+    "far from 0": (12.5e-3, 0.25e-6, 1e-9),
+    "negative": (-3.75e-3, 1e-3, 1e-6),
+    "falling": (5e-3, -1e-6, 1e-9),
+    "tiny": (0.0, 1e-9, 1e-15),
+    "huge": (0.0, 0.5, 0.1),
+    "kilometres away": (1e3, 1e-3, 1e-6),
+    "no round step": (1e-3, np.pi * 1e-7, 1e-9),
+    "flat": (0.0, 1e-6, 0.0),
+}
+
+
+@pytest.mark.parametrize("suffix", [".pro", ".sdf", ".smd", ".csv"])
+@pytest.mark.parametrize("name", UNTIDY)
+def test_untidy_profiles_come_back_where_they_began(tmp_path, name, suffix):
+    start, step, scale = UNTIDY[name]
+    x, z = start + step * np.arange(Z.size), 1e-7 * (scale == 0.0) + Z / NM * scale
+    order = slice(None, None, 1 if step > 0 else -1)
+    line = ms.Profile(x[order], z[order])
+
+    back = ms.read(write(line, tmp_path / f"line{suffix}"))
+
+    single = suffix == ".pro"  # start and step in single precision by the format
+    far = np.abs(line.x).max()
+    np.testing.assert_allclose(back.x, line.x, rtol=0, atol=far * (2e-7 if single else 1e-15))
+    half_step = np.ptp(line.z) * 2.0**-31 + np.abs(line.z).max() * 2.0**-24
+    np.testing.assert_allclose(back.z, line.z, rtol=0, atol=half_step * single)
+
+
+@pytest.mark.parametrize("suffix", [".sdf", ".smd"])
+def test_the_start_that_another_program_states_in_a_remark_is_none(tmp_path, suffix):
+    line = ms.Profile(2e-3 + STEP * np.arange(Z.size), Z)
+    path = write(line, tmp_path / f"line{suffix}")
+    path.write_bytes(path.read_bytes().replace(b"metrosep", b"somebody"))
+
+    assert ms.read(path).x[0] == 0.0
+
+
 @pytest.mark.parametrize("suffix", [".pro", ".sdf", ".smd"])
 def test_unequal_steps_are_refused_and_no_file_is_left(tmp_path, suffix):
     uneven = ms.Profile([0.0, 1e-6, 3e-6], [0.0, 1e-9, 2e-9])

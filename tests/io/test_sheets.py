@@ -209,9 +209,9 @@ def test_a_worksheet_that_is_not_there_is_named_with_those_that_are(book):
     path = book(Data=profile(), Info=[["a"], [1]])
 
     with pytest.raises(
-        ms.errors.ReadError, match=r"no worksheet 'Dta'.*did you mean sheet='Data'"
+        ms.errors.ReadError, match=r"no worksheet 'DTA'.*did you mean sheet='Data'"
     ):
-        ms.read(path, sheet="Dta")
+        ms.read(path, sheet="DTA")
 
 
 def test_a_hidden_worksheet_with_numbers_is_named_too(book):

@@ -704,3 +704,31 @@ def test_a_lost_field_before_a_column_of_words_is_refused_by_its_line(put, top, 
 
     with pytest.raises(ms.errors.ReadError, match="line 12"):
         ms.read(put("\n".join(lines)))
+
+
+def test_numbers_among_words_below_a_unit_are_refused_not_dropped_with_the_words(put):
+    readings = ["limit"] * 20 + ["0.25"] * 10
+    path = put(table("x_mm,z_um,Error [um]", lambda k, x, z: f"{x},{z},{readings[k]}"))
+
+    with pytest.raises(ms.errors.ReadError, match=r"line 2,.*'limit'"):
+        ms.read(path)
+
+    table_of = ms.read(path, missing="limit", x="x_mm", z="Error [um]")
+    assert np.isfinite(table_of.z).sum() == 10
+
+
+@pytest.mark.parametrize("name", ["Error", "Sensor", "Target"])
+@pytest.mark.parametrize("place", [0, 2])
+def test_a_late_word_below_a_name_that_may_be_a_number_loses_no_row(put, name, place):
+    n = 4000  # the word stands where no sample of the rows looks
+    names, rows = ["x_mm", "z_um"], []
+    names.insert(place, name)
+    for k in range(n):
+        row = [f"{k * 0.01:.2f}", f"{k % 7 / 10}"]
+        row.insert(place, "limit switch" if k == 3123 else "")
+        rows.append(",".join(row))
+
+    profile = ms.read(put("\n".join([",".join(names), *rows, ""])))
+
+    assert profile.z == pytest.approx([k % 7 * 1e-7 for k in range(n)], abs=TIGHT)
+    assert profile.x[-1] == pytest.approx(39.99e-3, abs=TIGHT)

@@ -9,7 +9,6 @@ silence. Nothing is executed: no formula, pickle, view or trigger; nothing is wr
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -32,6 +31,7 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 from metrosep.core.provenance import Step
+from metrosep.core.readable import nearest
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import column_unit
 from metrosep.io.archive import Archive, zip_members
@@ -259,8 +259,8 @@ class _Container:
         ]
         if len(same) == 1:
             return same[0]
-        near = difflib.get_close_matches(wanted, found, n=1)
-        hint = f"; did you mean sheet={near[0]!r}?" if near else "; name one of them with sheet="
+        near = nearest(wanted, found)
+        hint = f"; did you mean sheet={near!r}?" if near else "; name one of them with sheet="
         raise ReadNameError(
             f"{self.file.path}: has no {self.kind} {wanted!r} with numbers; there is {listed or 'none'}{hint}"
         )

@@ -185,7 +185,7 @@ def _units(
         if not word:
             warnings.append(
                 f"states no unit of {axis}: metres were taken, since the format stores base SI units; "
-                f"declare unit={{'{axis}': ...}} if that is not so"
+                f"declare another one, such as unit={{'{axis}': 'um'}}, if that is not so"
             )
         try:
             factors[axis] = parse_unit(str(word or "m"), dimension="length").factor

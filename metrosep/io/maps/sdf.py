@@ -8,6 +8,7 @@ a `Profile`. See ``data_formats/sdf/SPEC.md``.
 
 from __future__ import annotations
 
+import re
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,6 +77,7 @@ def read(asked: Request) -> Surface | Profile:
     scale = check_scale(file, "Zscale", header["Zscale"], low=1e-18, high=1e6)
     own = [lateral_or_none(file, n, header[n], warnings) for n in ("Xscale", "Yscale")]
     shape = (header["NumProfiles"], header["NumPoints"])
+    origin = _own_origin(header)
     with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
         z = scaled(content.raw, scale, content.invalid).reshape(shape)
     if shape[0] > 1:
@@ -84,6 +86,7 @@ def read(asked: Request) -> Surface | Profile:
             (own[0], own[1]),
             row_order="smallest y first",
             header=header,
+            origin=origin,
             warnings=warnings,
             height_per_unit_m=scale,
         )
@@ -93,12 +96,21 @@ def read(asked: Request) -> Surface | Profile:
             f"{file.path}: its one profile has no step (Xscale 0); pass lateral_step="
         )
     return asked.profile(
-        step * np.arange(shape[1], dtype=np.float64),
+        origin[0] + step * np.arange(shape[1], dtype=np.float64),
         z[0],
         header=header,
         warnings=warnings,
         height_per_unit_m=scale,
     )
+
+
+def _own_origin(header: dict[str, Any]) -> tuple[float, float]:
+    """Return the origin that metrosep states below the heights, 0 in files of others: the format has none."""
+    stated = _ORIGIN.fullmatch(header["trailer"]) if header["ManufacID"] == "metrosep" else None
+    return (0.0, 0.0) if stated is None else (float(stated[1]), float(stated[2]))
+
+
+_ORIGIN = re.compile(r"<Origin> {0} {0} </Origin>".format(r"(-?\d+(?:\.\d+)?(?:e[+-]?\d\d?)?)"))
 
 
 def _check_flags(file: RawFile, header: dict[str, Any], max_pixels: int | None) -> None:
@@ -234,7 +246,7 @@ def _typed(header: TextFields) -> dict[str, Any]:
 # ---- bytes of a surface data file (ISO 25178-71, version 1.0); the same surface gives the same bytes ----
 # Heights are written as double precision numbers in metres with Zscale 1, so that reading them back
 # gives the same numbers; not measured is the word BAD in text and NaN in binary data. The first
-# profile has the smallest y. The format has no origin: it is lost, and stated in the trailer.
+# profile has the smallest y. The format has no origin: it is stated in the trailer, which we read back.
 
 _MAX_SIZE = 65535
 _NO_DATE = "010119700000"

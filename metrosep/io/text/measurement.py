@@ -148,7 +148,8 @@ def measurement(
         found = runs_in(made.table)
         if found is not None:
             raise SeveralRunsError(file.path, found) from None
-        raise FormatMismatchError(f"{file.path}: {exc}") from None
+        why = str(exc).removeprefix(f"{file.path}: ")
+        raise FormatMismatchError(f"{file.path}: {why}") from None
 
 
 def _refuse_markers(file: RawFile, table: Table, columns: Iterable[Column]) -> None:

@@ -8,6 +8,8 @@ one height per line, record 4 the sum of all bytes before it. Texts end with a z
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,6 +72,7 @@ def read(asked: Request) -> Profile:
     start = len(records[0]) + len(records[1]) + 2
     values = parse_numbers(file, records[2], offset=start)
     x, z = _points(file, x_axis, z_axis, values)
+    x = x + _own_start(_header(records, lines))
     scale = check_scale(file, "CZ scale", z_axis.scale, low=1e-18, high=1e18) * z_axis.unit
     return asked.profile(
         x,
@@ -78,6 +81,15 @@ def read(asked: Request) -> Profile:
         warnings=warnings,
         height_per_unit_m=scale,
     )
+
+
+def _own_start(header: Mapping[str, Any]) -> float:
+    """Return the first position that metrosep states in a comment, 0 in files of others: incremental x has none."""
+    said = _START.search("\n".join(header["information"]))
+    return 0.0 if said is None or header["file_identifier"] != "metrosep" else float(said[1])
+
+
+_START = re.compile(r"/\* first point at (-?\d+(?:\.\d+)?(?:e[+-]?\d\d?)?) m \*/")
 
 
 def _plain(line: bytes) -> str:

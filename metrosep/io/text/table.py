@@ -257,6 +257,14 @@ def _with_quantities(
         found = [quantities[t] for t in column.labels]
         unit = next((f[1] for f in found if f is not None), None)
         if unit is None or 2 * sum(f is not None for f in found) <= sum(map(bool, texts)):
+            plains = [plain(t) for t in texts]
+            bad = next((i for i, t in enumerate(texts) if t and plains[i] is None), None)
+            if bad is None:  # words that the caller declares, and numbers
+                values = np.array([float(p or "nan") for p in plains])
+                made[k] = Column(column.name, column.unit, values)
+            elif column.unit is not None and any(plains):  # which would be lost among words
+                where = f"column {column.name!r}, in {column.unit.name},"
+                raise bad_field(file, int(lines[bad]), texts[bad], where)
             continue
         values = np.full(len(texts), np.nan)
         for i, (text, own) in enumerate(zip(texts, found, strict=True)):
