@@ -17,8 +17,9 @@ and West (1987), window after Sokal.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -50,8 +51,8 @@ _BEYOND, _EACH = (2, 4, 7, 10, 13), 6
 """Degrees above these of which some polynomials say where a spectrum that is flat begins to fall."""
 _TIED = 1e-13
 """Of a column: what is left of it beside the columns before it is rounding below this."""
-_SETTLED = 1e-13
-"""A half width is found where a step changes it by less than this share, in rounding."""
+_SETTLED = 1e-7
+"""A half width is found where Newton's step changes it by less than this share: its square is rounding."""
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
 """Of the largest height: a smaller residual is rounding."""
 _NOTHING = 0.02
@@ -63,7 +64,7 @@ _LAY = 1.0 / 8.0
 _HELD = 2
 """Order of the parameters that are bounded by energy: piston, tilts, curvatures."""
 _RARE = 1e-4
-"""Of all odds: a spectrum of less changes no digit of u."""
+"""Of all odds: spectra that have no more together change no digit of u."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -465,28 +466,23 @@ def _next_to_the_model(
     white = inverse @ inverse.T
     size = float(np.sqrt(r @ r / N))
     r = r / (size or 1.0)
-    order, top = _orders(Q, x, y, is_line=is_line)
-    F = _beside(Q, x, y, top, is_line=is_line)
-    n = F.shape[1]
+    own = _kept_surroundings(x.tobytes(), y.tobytes(), Q.tobytes(), p, is_line)
+    order, F, n = own.order, own.F, own.F.shape[1]
     t = F.T @ r
     if n == 0 or not float(t @ t) > _ROUNDING**2 * N:  # it says nothing
         return _Beside(white * (size**2 * float(r @ r) / (N - p)), n, Q, False)
-    last = top if is_line else top + _BEYOND[-1]
     found = _white(t, float(r @ r), N - p, white)
     if not is_line:  # short correlations have spectra
         found = found[-1:]
-    B = np.column_stack([Q, F, r])
-    f, G, across = _waves(x, y, B, last, angle=0.0 if is_line else None)
-    found += _coloured(f, G, t, inverse, *(_spectra(f) if is_line else _with_short(f)))
+    found += _coloured(own.grams, t, inverse, own.odds)
     alike = len(found)
     if not is_line:
-        f, G, _ = _waves(x, y, B, last, angle=across)
+        across = _across(x, y, r, own.last)
+        f, G = _waves(x, y, np.column_stack([Q, F]), own.last, angle=across)
         S, odds = _spectra(f, n_smooth=16)
-        found += _coloured(f, G, t, inverse, S, _LAY * odds)
+        found += _coloured(_under_spectra(S, G, p), t, inverse, _LAY * odds)
     logs = np.array([v for v, _, _ in found])
-    kept = np.nonzero(logs > logs.max() + np.log(_RARE))[0]
-    weights = np.exp(logs[kept] - logs.max())
-    weights /= weights.sum()
+    kept, weights = _likely(logs)
     covs = np.stack([found[k][2] for k in kept])
     mean = np.tensordot(weights, covs, 1)
     freedom = np.array([found[k][1] for k in kept])
@@ -500,6 +496,33 @@ def _next_to_the_model(
     # a lay is seldom as straight and as long as its spectrum has it
     is_known = not np.isnan(order).any() and bool(weights[kept < alike].sum() > 0.5)
     return _Beside(mean * np.outer(scale, scale), n, Q, is_known, bool((held < u)[1:].any()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Surroundings:
+    """What part B asks of the places and the model, whatever the residual is."""
+
+    order: FloatArray  # of each column of the model, NaN if it is not a polynomial
+    last: int  # degree of the polynomials beside it
+    F: FloatArray  # these, (., n)
+    grams: tuple[FloatArray, FloatArray]  # under each spectrum that is alike in all directions
+    odds: FloatArray  # of each
+
+
+@lru_cache(maxsize=2)
+def _kept_surroundings(x: bytes, y: bytes, Q: bytes, p: int, is_line: bool) -> _Surroundings:
+    """Return the surroundings of a model; the maps of a batch mostly have the same places and model."""
+    at_x, at_y = np.frombuffer(x), np.frombuffer(y)
+    columns = np.frombuffer(Q).reshape(-1, p)
+    order, top = _orders(columns, at_x, at_y, is_line=is_line)
+    F = _beside(columns, at_x, at_y, top, is_line=is_line)
+    if F.shape[1] == 0:
+        return _Surroundings(order, top, F, (F, F), order)
+    last = top if is_line else top + _BEYOND[-1]
+    B = np.column_stack([columns, F])
+    f, G = _waves(at_x, at_y, B, last, angle=0.0 if is_line else None)
+    S, odds = _spectra(f) if is_line else _with_short(f)
+    return _Surroundings(order, last, F, _under_spectra(S, G, p), odds)
 
 
 def _white(
@@ -526,27 +549,39 @@ def _white(
     return found
 
 
+def _likely(logs: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return the places of those that hold all odds but `_RARE`, and their weights, which sum to 1."""
+    weights = np.exp(logs - logs.max())
+    rank = np.argsort(weights)
+    held = np.cumsum(weights[rank])
+    kept = rank[held > _RARE * held[-1]]
+    return kept, weights[kept] / weights[kept].sum()
+
+
+def _under_spectra(S: FloatArray, G: FloatArray, p: int) -> tuple[FloatArray, FloatArray]:
+    """Return Q' C Q (., p, p) and F' C F (., n, n) of spectra, of which the second has mean power 1."""
+    n = G.shape[1] - p
+    own, beside = (
+        (S @ part.reshape(S.shape[1], -1)).reshape(-1, m, m)
+        for part, m in ((G[:, :p, :p], p), (G[:, p:, p:], n))
+    )
+    power = np.trace(beside, axis1=1, axis2=2)[:, None, None] / n
+    return own / power, beside / power
+
+
 def _coloured(
-    f: FloatArray,
-    G: FloatArray,
-    t: FloatArray,
-    inverse: FloatArray,
-    S: FloatArray,
-    odds: FloatArray,
+    grams: tuple[FloatArray, FloatArray], t: FloatArray, inverse: FloatArray, odds: FloatArray
 ) -> list[tuple[float, float, FloatArray]]:
     """Return log odds, degrees of freedom and covariance under each spectrum and level of noise."""
-    n, p = t.size, inverse.shape[0]
-    own, beside = G[:, :p, :p], G[:, p : p + n, p : p + n]
-    S = S / (S @ np.trace(beside, axis1=1, axis2=2) / n)[:, None]
-    grams = S @ beside.reshape(S.shape[1], -1)
-    volume, left = _over_noise(grams.reshape(-1, n, n), t)
+    own, beside = grams
+    n = t.size
+    volume, left = _over_noise(beside, t)
     logs = -0.5 * volume - 0.5 * n * np.log(left)
     logs += np.log(odds / _NOISE.size)[:, None]
     white = inverse @ inverse.T
-    kept = np.argwhere(logs > logs.max() + np.log(_RARE))
-    c, k = kept.T
+    c, k = np.unravel_index(_likely(logs.ravel())[0], logs.shape)
     used, at = np.unique(c, return_inverse=True)
-    shapes = inverse @ (S[used] @ own.reshape(S.shape[1], -1)).reshape(-1, p, p) @ inverse.T
+    shapes = inverse @ own[used] @ inverse.T
     covs = (shapes[at] + _NOISE[k, None, None] * white) * (left[c, k] / n)[:, None, None]
     return [(float(log), float(n), cov) for log, cov in zip(logs[c, k], covs, strict=True)]
 
@@ -599,22 +634,22 @@ def _bound(law: FloatArray, order: FloatArray, s2: float, left: float) -> FloatA
 def _of_mixture(weights: FloatArray, sd: FloatArray, freedom: FloatArray, n: int) -> FloatArray:
     """Return u of which t(n) u holds COVERAGE of Student distributions with these deviations (k, p).
 
-    What an interval holds rises with its half width and bends down: Newton's steps from 0 never pass the
-    answer, and double its digits at the end.
+    What an interval holds rises with its half width and bends down: Newton's steps never pass the answer
+    from below, come back below it from above, and double its digits at the end.
     """
     from scipy.special import gammaln, stdtr
 
     nu, most = freedom[:, None], sd.max(axis=0)
     sd = np.maximum(sd, np.maximum(1e-100 * most, np.finfo(np.float64).tiny))
     peak = np.exp(gammaln(0.5 * (nu + 1.0)) - gammaln(0.5 * nu)) / np.sqrt(np.pi * nu)
-    half = np.zeros(sd.shape[1])
+    half = expanding_factor(n) * np.sqrt(weights @ np.square(sd))
     for _ in range(50):
         t = half / sd
         held = weights @ (2.0 * stdtr(nu, t) - 1.0)
         rise = weights @ (2.0 * peak * (1.0 + t * t / nu) ** (-0.5 * (nu + 1.0)) / sd)
-        step = np.maximum((COVERAGE - held) / rise, 0.0)
+        step = np.maximum((COVERAGE - held) / rise, -half)
         half = half + step
-        if np.all(step <= _SETTLED * half):
+        if np.all(np.abs(step) <= _SETTLED * half):
             break
     return np.where(most > 0.0, half / expanding_factor(n), 0.0)
 
@@ -646,14 +681,33 @@ def _beside(Q: FloatArray, x: FloatArray, y: FloatArray, top: int, *, is_line: b
 
 def _waves(
     x: FloatArray, y: FloatArray, B: FloatArray, top: int, *, angle: float | None
-) -> tuple[FloatArray, FloatArray, float]:
-    """Return frequencies times the width, the Gram matrices of columns B under waves of each, and an angle.
+) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies times the width and the Gram matrices of columns B under waves of each.
 
-    B' C B of an isotropic spectrum S is the integral of S(f) |B^(f)|^2 over the plane: rings, equal
-    angles on each, as many as make it exact for lags within the width D. Of a lay, which lies at one
-    angle, it is that over a line. A polynomial of degree d has its energy about f = (d + 1) / (pi side),
-    so that beyond the last ring S is white to all of them. The angle is that of the second moment of the
-    spectrum of the last column, across its lay.
+    B' C B of an isotropic spectrum S is the integral of S(f) |B^(f)|^2 over the plane. Of a lay, which
+    lies at one angle, it is that over a line.
+    """
+    rings = [(f, share * (w.T @ w)) for f, share, _, w in _rings(x, y, B, top, angle)]
+    return np.array([f for f, _ in rings]), np.stack([G for _, G in rings])
+
+
+def _across(x: FloatArray, y: FloatArray, r: FloatArray, top: int) -> float:
+    """Return the angle of the second moment of the spectrum of a residual, across its lay."""
+    moment = 0.0 + 0.0j
+    for _, share, at, waves in _rings(x, y, r[:, None], top, None):
+        power = np.square(waves).reshape(2, -1).sum(axis=0)
+        moment += share * complex(power @ np.exp(2.0j * at))
+    return 0.5 * float(np.angle(moment))
+
+
+def _rings(
+    x: FloatArray, y: FloatArray, B: FloatArray, top: int, angle: float | None
+) -> Iterator[tuple[float, float, FloatArray, FloatArray]]:
+    """Yield frequency times the width, share of each wave, angles, and sums of columns B under waves.
+
+    Rings with equal angles on each, as many as make an integral exact for lags within the width D. A
+    polynomial of degree d has its energy about f = (d + 1) / (pi side), so that beyond the last ring a
+    spectrum is white to all of them.
     """
     x, y = x - 0.5 * (x.min() + x.max()), y - 0.5 * (y.min() + y.max())
     D = 2.0 * float(np.sqrt(np.max(x * x + y * y)))
@@ -662,16 +716,13 @@ def _waves(
     n = int(np.ceil((top + 6) / np.pi * D / side / step))
     f = np.concatenate([np.geomspace(0.02, step, 8)[:-1], step * np.arange(1, n + 1)])
     width = np.gradient(f) * (f if angle is None else 1.0)
-    grams, moment, summed = [], 0.0 + 0.0j, _sums_under_waves(x, y, B)
-    for ring, share in zip(f, width, strict=True):
+    summed = _sums_under_waves(x, y, B)
+    for ring, share in zip(f.tolist(), width.tolist(), strict=True):
         n = int(np.ceil(np.pi * ring + 8.0))
         at = np.pi / n * (np.arange(n) + 0.5) if angle is None else np.array([angle])
         k = 2.0 * np.pi * ring / D
         waves = summed(k * np.cos(at), k * np.sin(at))
-        grams.append(share / at.size * (waves.T @ waves))
-        power = np.square(waves[:, -1]).reshape(2, -1).sum(axis=0)
-        moment += share * complex(np.mean(power * np.exp(2.0j * at)))
-    return f, np.asarray(grams), 0.5 * float(np.angle(moment))
+        yield ring, share / at.size, np.asarray(at, dtype=np.float64), waves
 
 
 def _sums_under_waves(
