@@ -156,8 +156,8 @@ def calibrate(
         say(f"wrote {file}")
     if out is not None:
         own = preset_words(options)
-        taken = result.produced.found.sets.values()
-        where = _where_it_was_read(chain_of(machine, options), out, [s.q for s in taken])
+        poses = [s.q for s in result.produced.found.sets.values()]
+        where = _where_it_was_read(chain_of(machine, options), out, poses)
         if where:
             say_next("machine-tables", machine, out, *own, *where, "-o", "tables")
         else:

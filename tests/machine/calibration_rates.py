@@ -1,7 +1,6 @@
 """How far u of a calibration may be trusted: machines drawn anew for each seed, read with 1 um of noise.
 
-Balls stand where nobody knows (30 um from where they should), bars have unknown lengths, lasers unknown
-zeros. Readings come from `drawn_machines` (bodies, lines and points in space) or, for a circle in motion,
+Balls stand where nobody knows (30 um from where they should), lasers have unknown zeros. Readings come from `drawn_machines` (bodies, lines and points in space) or, for a circle in motion,
 from two slides with delays and play. What is asked: is the truth within 2 u as often as 2 u says (95.45 %)?
 """
 
@@ -143,18 +142,18 @@ def probed(rng, *, endless=False):
 
 
 def ballbar(rng, *, endless=False):
-    """Two balls, a bar in X, Y and Z of the machine (ISO 230-4, ISO 10791-6) in 72 poses, its length unknown."""
+    """Three balls, a bar of known length along X, Y and Z of the machine (ISO 230-4, ISO 10791-6) in 40 poses."""
     machine, sets = only(Machine("five_axis", rng, endless=endless), "C"), []
     bar = 0.1
     for ball in BALLS[:3]:
         real = placed(ball, rng)
         for way in np.eye(3):
-            q = turned_over(machine, ball, TOOL, away=bar * way)
+            q = turned_over(machine, ball, TOOL, (5, 8), away=bar * way)
             long = np.linalg.norm(machine.tool_on_work(q, TOOL) - real, axis=1)
-            long += 20e-6 * rng.normal() + NOISE * rng.normal(size=long.size)
-            of = Ballbar(ball=ball)
-            unknown = ("ball", "length")
-            sets.append(ReadingSet(of, q, long - bar, tool=TOOL, unknown=unknown))
+            long += NOISE * rng.normal(size=long.size)
+            sets.append(
+                ReadingSet(Ballbar(ball=ball), q, long - bar, tool=TOOL, unknown=("ball",))
+            )
     return machine, sets, "C"
 
 
@@ -220,6 +219,7 @@ def calibrated(name, seed, rate):
         for i, true in zip(mine, coefficients(basis, machine.motions[term]), strict=True):
             u = math.sqrt(found.covariance[i, i])
             rate.add(found.names[i], found.coefficients[i] - true, u)
+    return found
 
 
 def coefficients(basis, motion):
