@@ -224,7 +224,8 @@ def test_two_maps_side_by_side_share_window_and_cursor(opened: Opened, map_file:
     assert reads[0][:2] == reads[1][:2]  # x and y
     assert reads[0][2] != reads[1][2]  # the bowl is there in one of them alone
     assert (
-        page.run("document.querySelector('.side-row > div:nth-child(2) .map-cross').hidden") is False
+        page.run("document.querySelector('.side-row > div:nth-child(2) .map-cross').hidden")
+        is False
     )
     page.call("Input.dispatchMouseEvent", type="mouseWheel", x=left + 0.4 * width, y=top + 0.45 * height,
               deltaX=0, deltaY=-400)  # fmt: skip

@@ -7,6 +7,9 @@ import { powers, scaleFor, si } from "./format.js";
 
 /** @typedef {Record<string, any>} Dict */
 
+/** Angles that a person reads in degrees; slopes and tilts stay in rad. */
+const ANGLE = /^section\..+\.(angle|azimuth)$/;
+
 /** One place that says what a verdict looks like. */
 export const VERDICTS = /** @type {Record<string, { sign: string, word: string }>} */ ({
   accept: { sign: "✓", word: "Accepted" },
@@ -66,7 +69,8 @@ export function makeMetrics(el, verdictEl, edit) {
       if (row.waits) waiting.title = "waits for the full resolution";
       return [waiting, cell(row.waits ? "…" : "–", row.waits ? "preview" : "")];
     }
-    const [value, u] = withU(row.value, U, row.unit);
+    const turned = row.unit === "rad" && ANGLE.test(row.symbol ?? row.metric ?? "") ? 180 / Math.PI : 1; // read in degrees
+    const [value, u] = withU(row.value * turned, U === null ? null : U * turned, turned === 1 ? row.unit : "°");
     const shown = cell(preview ? `≈ ${value}` : value, preview ? "preview" : "");
     shown.title = `${row.definition}: ${row.value} ${row.unit}`;
     return [shown, cell(u, preview ? "preview" : "")];

@@ -84,7 +84,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
   polarWidget.render({ model: polar, el: el("polar") });
   profileWidget.render({ model: profile, el: el("profile") });
 
-  const { ask: askRelief, paint: paintRelief, pose: reliefPose } = makeReliefView({ wire, level, stage, kind, lines, epoch: () => epoch, refused, table: () => map.get("colours") });
+  const { ask: askRelief, paint: paintRelief, pose: reliefPose } = makeReliefView({ wire, level, stage, kind, lines: () => [...lines(), ...(map.get("a") && map.get("b") ? [[...map.get("a"), ...map.get("b")]] : [])], epoch: () => epoch, refused, table: () => map.get("colours") });
 
   const { looked, look } = makeLooks({ map, section, spectrum, profile, heights, waves }, {
     kind, unit: () => unit(), choice: () => choice, shade: () => shade, relief: reliefPose,
