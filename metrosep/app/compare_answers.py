@@ -324,11 +324,16 @@ def _picture(opened: Opened, a: _Side, b: _Side, wanted: Mapping[str, Any]) -> A
             "mean": float(known.mean()),
             "share_valid": known.size / left.z.size,
         }
+        level = Surface(left.z - known.mean(), left.dx, left.dy, origin=left.origin)
         # both documents are kept with it: their identity stays their own
-        return build_pyramid(left), (a.document, b.document), numbers
+        return build_pyramid(level), (a.document, b.document), numbers
 
     pyramid, _, numbers = made_of(opened.material, "difference", key, make, most=1)
-    header, arrays = _window_of(pyramid, wanted, wanted.get("range"))
+    # the ends of the colours lie as far below the mean as above
+    most = max(map(abs, pyramid.robust_range or (0.0, 0.0)))
+    header, arrays = _window_of(
+        pyramid, wanted, wanted.get("range") or ((-most, most) if most > 0.0 else None)
+    )
     return header | {k: number_or_none(v) for k, v in numbers.items()}, arrays
 
 
@@ -373,7 +378,7 @@ def _side_by_side(opened: Opened, a: _Side, b: _Side, wanted: Mapping[str, Any])
     ranges = [p.robust_range for p in both if p.robust_range is not None]
     shared = (min(r[0] for r in ranges), max(r[1] for r in ranges)) if ranges else None
     limits = shared if shared and shared[0] < shared[1] else None
-    return _window_of(both[wanted["of"] == "b"], wanted, limits)
+    return _window_of(both[wanted["of"] == "b"], wanted, wanted.get("range") or limits)
 
 
 # ---- differences of two measurements that lie on the same grid; nothing is interpolated --------

@@ -86,6 +86,11 @@ def test_the_difference_map_is_present_minus_other_after_the_steps_of_each(sessi
 
     assert picture["pv"] == pytest.approx(np.nanmax(expected) - np.nanmin(expected), abs=1e-12)
     assert picture["share_valid"] == pytest.approx(1 - 1 / (41 * 51), abs=1e-12)
+    low, high = picture["range"]
+    assert low == -high < 0  # about the mean, which the title has
+    assert high <= picture["pv"]
+    given = {"pixels": [51, 41], "range": [0.0, 1e-9]}
+    assert ask(session, against={"pin": "levelled"}, picture=given)[0]["range"] == (0.0, 1e-9)
     index = arrays["index"]
     assert index.shape == (41, 51)
     assert index[40 - 5, 40] == 0  # not measured: row 0 is the largest y

@@ -248,3 +248,19 @@ def test_a_wider_window_draws_the_section_anew(opened: Opened, tab: Any, tmp_pat
     tab.show(1600, 800)
     page.wait(f"document.body.dataset.sections > {before}", 10)
     assert page.errors == []
+
+
+def test_an_angle_is_read_in_degrees_and_a_slope_in_rad(opened: Opened, tmp_path: Path) -> None:
+    grooves(tmp_path / "grooves.x3p")
+    (tmp_path / "r.toml").write_text(
+        'metrosep = 1\n[input]\nfiles = ["grooves.x3p"]\n[[step]]\nop = "parameters"\n'
+        '[[section]]\nkind = "angle"\nname = "corner"\na = "0.1 mm, 0.01 mm"\nb = "0.05 mm, 0.01 mm"\n'
+        'c = "0.05 mm, 0.03 mm"\n[[section]]\nkind = "distance"\nname = "way"\na = "0.1 mm, 0.01 mm"\n'
+        'b = "0.12 mm, 0.03 mm"\n'
+    )
+    page = opened(tmp_path / "r.toml")
+    value = "document.querySelector('[data-metric=\"{}\"] td:nth-child(2)').textContent"
+    assert page.run(value.format("section.corner.angle")) == "90.00\u2009°"
+    assert page.run(value.format("section.way.azimuth")) == "45.00\u2009°"
+    assert page.run(value.format("section.way.slope")).endswith("rad")
+    assert page.errors == []

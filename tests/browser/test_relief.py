@@ -71,6 +71,46 @@ def test_a_hole_shows_the_background_where_it_lies(opened: Opened, plate: Path) 
     assert colour(205, 100)[3] == 0  # beyond the map
 
 
+WHITE = f"""(() => {{ const c = {CANVAS}, g = c.getContext('webgl2'), p = new Uint8Array(4 * c.width * c.height);
+g.readPixels(0, 0, c.width, c.height, g.RGBA, g.UNSIGNED_BYTE, p); let n = 0;
+for (let i = 0; i < p.length; i += 4) n += p[i] === 255 && p[i + 1] === 255 && p[i + 2] === 255; return n; }})()"""
+
+
+def test_the_line_from_a_to_b_and_a_groove_lie_on_the_surface(opened: Opened, plate: Path) -> None:
+    recipe = plate.parent / "r.toml"
+    text = 'metrosep = 1\n[input]\nfiles = ["plate.x3p"]\n[[step]]\nop = "parameters"\n'
+    recipe.write_text(text)
+    line = relief_of(opened, recipe).run(WHITE)
+    assert line > 100  # A-B, though no section is in the recipe
+    groove = (
+        '[[section]]\nkind = "groove"\nname = "g"\na = "0.9 mm, 1.5 mm"\nb = "1.1 mm, 1.5 mm"\n'
+    )
+    recipe.write_text(text + groove + 'width = "0.1 mm"\n')
+    page = relief_of(opened, recipe)
+    assert page.run(WHITE) > line + 100
+    assert page.errors == []
+
+
+def test_the_height_scale_has_a_slider_that_follows_the_keys(opened: Opened, plate: Path) -> None:
+    page = relief_of(opened, plate)
+    before = page.text("#relief .readout")
+    page.run(
+        "(() => { const e = document.getElementById('relief-height'); e.value = 4; e.dispatchEvent(new Event('input')); })()"
+    )
+    page.wait(f"document.querySelector('#relief .readout').textContent !== {before!r}")
+
+    def scale(text: str) -> float:
+        number = text.removeprefix("z × ").split(" ")[0].replace("\u2009", "")
+        return float(number.removesuffix("k")) * (1e3 if number.endswith("k") else 1.0)
+
+    assert scale(page.text("#relief .readout")) == pytest.approx(
+        1.25**4 * scale(before), rel=0.01, abs=0.0
+    )
+    turned(page, "PageDown", 2)
+    assert page.run("document.getElementById('relief-height').value") == "2"
+    assert page.errors == []
+
+
 def test_turning_and_stretching_change_the_picture(opened: Opened, plate: Path) -> None:
     page = relief_of(opened, plate)
     seen = [page.run(SUM)]

@@ -226,13 +226,48 @@ def test_two_maps_side_by_side_share_window_and_cursor(opened: Opened, map_file:
     assert reads[0][:2] == reads[1][:2]  # x and y
     assert reads[0][2] != reads[1][2]  # the bowl is there in one of them alone
     assert (
-        page.run("document.querySelector('.side-row > div:last-child .map-cross').hidden") is False
+        page.run("document.querySelector('.side-row > div:nth-child(2) .map-cross').hidden")
+        is False
     )
     page.call("Input.dispatchMouseEvent", type="mouseWheel", x=left + 0.4 * width, y=top + 0.45 * height,
               deltaX=0, deltaY=-400)  # fmt: skip
     page.wait(
         "(([a, b]) => a && a === b)([...document.querySelectorAll('.side-row .map-ruler')].map((e) => e.textContent + e.style.width))"
     )
+    page.wait("document.querySelector('.side-row .colourbar-unit').textContent.endsWith('m')")
+    page.run("document.querySelector('.side-row .colourbar .handle').focus()")
+    pictures = "[...document.querySelectorAll('.side-row .map canvas')].map((c) => c.toDataURL())"
+    page.run(f"void (window.was = {pictures})")
+    page.press("ArrowUp", shift=True)
+    page.press("ArrowUp", shift=True)
+    page.wait(f"{pictures}.every((one, i) => one !== window.was[i])", 20)  # one bar for both
+    assert page.errors == []
+
+
+def test_another_file_is_chosen_from_the_list(
+    opened: Opened, map_file: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "second.x3p").write_bytes(map_file.read_bytes())
+    page = opened(map_file)
+    page.click("#tab-compare")
+    page.run(
+        "(() => { const e = document.getElementById('compare-with'); e.value = 'files';"
+        "e.dispatchEvent(new Event('change')); })()"
+    )
+    page.wait("document.querySelector('dialog [data-path$=\"second.x3p\"]') !== null")
+    page.click('dialog [data-path$="second.x3p"]')
+    assert page.run("document.querySelector('dialog input[name=path]').value").endswith(
+        "second.x3p"
+    )
+    page.click("dialog [value=yes]")
+    page.wait("document.querySelector('.compare tbody tr') !== null", LONG)
+    assert "the same" in page.text('.compare [data-metric="Sz"]')
+    names = page.run(
+        "[...document.querySelectorAll('.compare tbody tr')].map((e) => e.dataset.metric)"
+    )
+    pictures = [i for i, name in enumerate(names) if name.startswith("chart.")]
+    known = [i for i, name in enumerate(names) if not name.startswith("chart.")]
+    assert not pictures or min(known) < min(pictures)
     assert page.errors == []
 
 

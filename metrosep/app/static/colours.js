@@ -42,6 +42,17 @@ const TABLES = {
 /** Names of the tables. */
 export const COLOUR_NAMES = Object.keys(TABLES);
 
+/** Blue below zero, red above, pale at zero: for differences alone, so it is in no menu. */
+export const DIVERGING = "diverging";
+const ENDS = [[18, 62, 134], [247, 244, 240], [146, 20, 32]];
+
+/** 256 colours of the diverging table; index 128 is zero. */
+const diverging = () => Uint8Array.from({ length: 768 }, (_, i) => {
+  const part = Math.max(-1, (Math.floor(i / 3) - 128) / 127);
+  const [from, to] = [ENDS[1][i % 3], ENDS[part < 0 ? 0 : 2][i % 3]];
+  return Math.round(from + (to - from) * Math.abs(part));
+});
+
 /** What is not measured: a grey that occurs in neither table. */
 export const NOT_MEASURED = [138, 138, 138];
 
@@ -57,7 +68,7 @@ export function colours(name) {
   const known = made.get(name);
   if (known) return known;
   const text = TABLES[/** @type {"viridis"} */ (name)] ?? TABLES.viridis;
-  const table = Uint8Array.from({ length: 768 }, (_, i) => parseInt(text.slice(2 * i, 2 * i + 2), 16));
+  const table = name === DIVERGING ? diverging() : Uint8Array.from({ length: 768 }, (_, i) => parseInt(text.slice(2 * i, 2 * i + 2), 16));
   made.set(name, table);
   return table;
 }

@@ -41,7 +41,7 @@ export function askForm({ title, text = "", fields, ok, extra = [], sample = [] 
     ...(text ? [make("p", { className: "ask", textContent: text })] : []), ...sample, ...labels, ...extra,
     make("div", { className: "buttons" }, make("button", { type: "button", textContent: "Cancel", value: "no" }),
       make("button", { className: "main", textContent: ok, value: "yes" })));
-  return shown(form, sample.length ? "wide" : "", (dialog) => {
+  return shown(form, sample.length || form.querySelector(".files") ? "wide" : "", (dialog) => {
     form.querySelector("[value=no]").addEventListener("click", () => dialog.close(""));
     const first = form.querySelector("label input");
     first?.focus();

@@ -2,6 +2,7 @@
 // What two results differ by, drawn: the difference map, or both curves above their difference.
 
 import colourbarWidget from "./colourbar.js";
+import { DIVERGING } from "./colours.js";
 import { si } from "./format.js";
 import { preferred } from "./remember.js";
 import mapWidget from "./map.js";
@@ -33,7 +34,7 @@ export function joined(lines) {
 }
 
 /**
- * Two maps beside one another in the same colours: one window, one cursor.
+ * Two maps beside one another in the same colours: one window, one cursor, one colour bar.
  * @param {(side: "a" | "b", view: Dict) => Promise<import("./wire.js").Answer>} ask
  * @param {() => boolean} known whether there is another result: a map that is cleared moves its view too
  * @param {(error: unknown) => void} fail
@@ -48,6 +49,7 @@ function makeSides(ask, known, fail) {
     box.append(name, map);
     el.append(box);
     const model = makeModel({ colours: preferred("colours", "viridis") }, (changes) => {
+      if ("limits" in changes) limit(changes.limits);
       if (!("view" in changes)) return;
       load();
       const to = other();
@@ -63,8 +65,9 @@ function makeSides(ask, known, fail) {
       if (el.hidden || !known()) return;
       const view = model.get("view");
       try {
-        const { header, arrays } = await ask(side, { window: model.get("extent") ? view?.window ?? null : null, pixels: view?.pixels ?? [512, 512] });
-        model.put({ shape: arrays.index.shape, window: header.window, unit: header.unit, range: header.range, index: arrays.index });
+        const { header, arrays } = await ask(side, { window: model.get("extent") ? view?.window ?? null : null, pixels: view?.pixels ?? [512, 512], range: model.get("limits") ?? null });
+        model.put({ shape: arrays.index.shape, window: header.window, unit: header.unit, range: header.range,
+          ...(model.get("limits") ? {} : { auto_range: header.range }), index: arrays.index });
         if (String(model.get("extent")) !== String(header.extent)) model.put({ extent: header.extent });
         el.dataset.drawn = String(maps.filter((one) => one.model.get("index")).length);
       } catch (error) {
@@ -73,6 +76,17 @@ function makeSides(ask, known, fail) {
     }
     return { model, name, map, load };
   });
+  const bar = document.createElement("div");
+  el.append(bar);
+  colourbarWidget.render({ model: maps[1].model, el: bar });
+
+  function limit(/** @type {number[] | null} */ limits) {
+    for (const one of maps) {
+      one.model.put({ limits });
+      one.load();
+    }
+  }
+
   return {
     el,
     /** @param {string[]} names */
@@ -80,7 +94,7 @@ function makeSides(ask, known, fail) {
       maps.forEach((one, i) => {
         one.name.textContent = names[i];
         one.map.querySelector("canvas")?.setAttribute("aria-label", `Map of ${names[i]}. Wheel or plus and minus zoom, drag or arrows pan; the other map follows.`);
-        one.model.put({ index: null, shape: null, extent: null });
+        one.model.put({ index: null, shape: null, extent: null, limits: null, auto_range: null });
       });
     },
     show: () => maps.forEach((one) => one.load()),
@@ -109,7 +123,7 @@ export function makeDifference(el, wire, fail) {
   left.className = "plot";
   el.replaceChildren(title, mapRow, both, left);
   el.hidden = true;
-  const model = makeModel({ colours: preferred("colours", "viridis") }, (changes) => {
+  const model = makeModel({ colours: DIVERGING }, (changes) => {
     if ("view" in changes || "limits" in changes) ask();
   });
   const sides = makeSides((side, view) => wire.ask("compare", { against: besides, picture: { of: side, ...view } }, `compare ${side}`), () => besides !== null, fail);
@@ -147,7 +161,8 @@ export function makeDifference(el, wire, fail) {
         ...(model.get("limits") ? {} : { auto_range: header.range }), index: arrays.index,
       });
       if (String(model.get("extent")) !== String(header.extent)) model.put({ extent: header.extent });
-      title.textContent = `difference map: P-V ${si(header.pv)}, RMS ${si(header.rms)}, mean ${si(header.mean)}; ${(100 * header.share_valid).toFixed(1)}\u2009% measured in both`;
+      const mean = Math.abs(header.mean) > 1e-6 * header.pv ? `, mean ${si(header.mean)} subtracted` : ""; // below that it is rounding
+      title.textContent = `difference map: P-V ${si(header.pv)}, RMS ${si(header.rms)}${mean}; ${(100 * header.share_valid).toFixed(1)}\u2009% measured in both`;
       el.dataset.drawn = "map";
     } catch (error) {
       if (!(error instanceof Superseded)) fail(error);

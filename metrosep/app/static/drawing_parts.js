@@ -42,8 +42,8 @@ export function shapesOf(now, centres) {
   ];
 }
 
-/** Ends of the straight sections, x0, y0, x1, y1 in m. @param {Shape[]} all */
-export const linesOf = (all) => all.filter((one) => one.table.kind === "line").map((one) => outline(one.table).lines[0].points.flat());
+/** Ends of the straight sections, of steps and grooves from their one face to the other, x0, y0, x1, y1 in m. @param {Shape[]} all */
+export const linesOf = (all) => all.filter((one) => ["line", "step", "groove"].includes(one.table.kind)).map((one) => outline(one.table).lines[0].points.flat());
 
 /**
  * Return what the points of a gesture mean so far.
@@ -158,7 +158,11 @@ export function groupOf(table, fitted, name, toScreen, scale, marks = []) {
   for (const [p, sign] of marks) {
     const [x, y] = toScreen(p);
     const d = 7 * sign;
-    if (Number.isFinite(x)) both("polygon", { points: `${x},${y} ${x - 6},${y - d * 1.6} ${x + 6},${y - d * 1.6}`, class: "mark" });
+    if (!Number.isFinite(x)) continue;
+    both("polygon", { points: `${x},${y} ${x - 6},${y - d * 1.6} ${x + 6},${y - d * 1.6}`, class: "mark" });
+    const word = node("text", { x: x + 9, y: y - d + 4, class: "mark-word" });
+    word.textContent = sign > 0 ? "peak" : "valley";
+    group.append(word);
   }
   for (const { c, r } of circles) {
     const [cx, cy] = toScreen(c);

@@ -10,6 +10,11 @@ import { powers, scaleFor, si } from "./format.js";
 /** Units of values that a limit may be typed in. */
 const TYPED = new Set(["pm", "nm", "µm", "mm", "m", "nrad", "µrad", "mrad", "rad", "in", "µin"]);
 
+/** Angles that a person reads in degrees; slopes and tilts stay in rad. */
+const ANGLE = /^section\..+\.(angle|azimuth)$/;
+
+const inDegrees = (/** @type {Dict} */ row) => row.unit === "rad" && ANGLE.test(row.symbol ?? row.metric ?? "");
+
 /** One place that says what a verdict looks like. */
 export const VERDICTS = /** @type {Record<string, { sign: string, word: string }>} */ ({
   accept: { sign: "✓", word: "Accepted" },
@@ -69,7 +74,8 @@ export function makeMetrics(el, verdictEl, edit) {
       if (row.waits) waiting.title = "waits for the full resolution";
       return [waiting, cell(row.waits ? "…" : "–", row.waits ? "preview" : "")];
     }
-    const [value, u] = withU(row.value, U, row.unit);
+    const turned = inDegrees(row) ? 180 / Math.PI : 1;
+    const [value, u] = withU(row.value * turned, U === null ? null : U * turned, turned === 1 ? row.unit : "°");
     const shown = cell(preview ? `≈ ${value}` : value, preview ? "preview" : "");
     shown.title = `${row.definition}: ${row.value} ${row.unit}`;
     return [shown, cell(u, preview ? "preview" : "")];
@@ -105,6 +111,7 @@ export function makeMetrics(el, verdictEl, edit) {
   /** The unit in which a value is shown: that of a limit typed beside it without one; "" where none is shown. @param {Dict | undefined} row */
   function unitOf(row) {
     if (!row || row.waits || typeof row.value !== "number") return "";
+    if (inDegrees(row)) return "deg";
     const [, unit] = scaleFor(Math.max(Math.abs(row.value), 2 * (row.u ?? 0)), row.unit);
     return TYPED.has(unit) ? unit : "";
   }

@@ -109,6 +109,19 @@ export function nearest(x, at) {
   return at - x[low] < x[high] - at ? low : high;
 }
 
+const WIDENED = 150; // ms after a plot last changed its width
+
+/** Act where plots have another width: their pixel columns are others. @param {HTMLElement[]} plots @param {() => void} act */
+export function whenWidened(plots, act) {
+  let [widths, later] = ["", 0];
+  const sizes = new ResizeObserver(() => {
+    const now = plots.map((plot) => plot.clientWidth).join(" ");
+    if (now !== widths) clearTimeout(later), (later = window.setTimeout(act, WIDENED));
+    widths = now;
+  });
+  plots.forEach((plot) => sizes.observe(plot));
+}
+
 /**
  * Return the options of a plot whose part that is shown is the trait `window`: [x0, x1] or null.
  * @param {import("./wire.js").Model} model

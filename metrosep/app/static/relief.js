@@ -11,6 +11,7 @@ import { listenToPinch } from "./handles.js";
 const MISSING = -3e38;
 const SLOW_MS = 33;
 const LAMP = 130;
+const [STEP, MOST_STEPS] = [1.25, 20]; // of the height scale
 const COMMON = `#version 300 es
 precision highp float; precision highp int;
 uniform highp sampler2D heights; uniform ivec2 size; uniform int stride; uniform mat3 turn; uniform vec4 view; uniform vec3 unit;
@@ -55,8 +56,9 @@ const WHITE = "#version 300 es\nprecision highp float; out vec4 colour; void mai
  * @param {() => string} options.table name of the colours
  * @param {() => number[][]} options.lines ends of sections, [x0, y0, x1, y1] in m
  * @param {(degrees: number) => void} [options.lit] told where the light comes from
+ * @param {(steps: number) => void} [options.stretched] told the height scale, in steps of a quarter
  */
-export function makeRelief(el, { table, lines, lit = () => {} }) {
+export function makeRelief(el, { table, lines, lit = () => {}, stretched = () => {} }) {
   const canvas = document.createElement("canvas");
   canvas.tabIndex = 0;
   canvas.setAttribute("role", "img");
@@ -232,7 +234,15 @@ export function makeRelief(el, { table, lines, lit = () => {} }) {
     wish(true);
   }
 
-  const reset = () => (([azimuth, elevation, zoom, stretch] = [-0.6, 0.75, 1, 1]), light(LAMP));
+  /** @param {number} steps of a quarter, above the scale that fits */
+  function height(steps) {
+    stretch = STEP ** steps;
+    stretched(steps);
+    wish(true);
+  }
+  const taller = (/** @type {number} */ by) => height(Math.max(-MOST_STEPS, Math.min(MOST_STEPS, Math.round(Math.log(stretch) / Math.log(STEP)) + by)));
+
+  const reset = () => (([azimuth, elevation, zoom] = [-0.6, 0.75, 1]), height(0), light(LAMP));
   const grow = (/** @type {number} */ by) => ((zoom = Math.max(0.2, Math.min(30, zoom * by))), wish(true));
   listenToPinch(canvas, (factor) => grow(1 / factor));
   let last = [0, 0]; // a finger has no movementX
@@ -257,7 +267,7 @@ export function makeRelief(el, { table, lines, lit = () => {} }) {
       ArrowLeft: () => rotate(-n, 0), ArrowRight: () => rotate(n, 0), ArrowUp: () => rotate(0, n), ArrowDown: () => rotate(0, -n),
       "+": () => grow(1.25), "=": () => grow(1.25), "-": () => grow(0.8), Home: reset,
       "[": () => light(lamp + 15), "]": () => light(lamp - 15),
-      PageUp: () => ((stretch *= 1.25), wish(true)), PageDown: () => ((stretch *= 0.8), wish(true)),
+      PageUp: () => taller(1), PageDown: () => taller(-1),
     });
     if (!(event.key in acts)) return;
     event.preventDefault();
@@ -297,9 +307,10 @@ export function makeRelief(el, { table, lines, lit = () => {} }) {
       wish();
     },
     light,
+    height,
     /** How it is turned, zoomed, stretched and lit; turn it so. @param {number[]} [was] */
     pose(was) {
-      if (was) ([azimuth, elevation, zoom, stretch] = was), light(was[4]);
+      if (was) ([azimuth, elevation, zoom, stretch] = was), taller(0), light(was[4]);
       return [azimuth, elevation, zoom, stretch, lamp];
     },
     /** What is seen, with axes and words. */

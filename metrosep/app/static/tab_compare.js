@@ -2,6 +2,7 @@
 // The present result beside another: values with U of their difference, what differs, the picture.
 
 import { inTarget } from "./exports.js";
+import { makeBrowser } from "./browser.js";
 import { makeDifference } from "./difference.js";
 import { askForm } from "./dialogs.js";
 import { si } from "./format.js";
@@ -19,6 +20,7 @@ function tag(/** @type {string} */ name, /** @type {Dict} */ properties = {}, /*
 /** One place that says what a difference looks like. */
 function stateOf(/** @type {Dict} */ row) {
   if (row.exceeds === true) return { sign: "▲", word: "larger than U", className: "reject", order: 0 };
+  if (row.message && row.difference === null && row.value_a === null && row.value_b === null) return { sign: "–", word: row.message, className: "", order: 3 }; // a picture, below the numbers
   if (row.message && row.difference === null) return { sign: "!", word: row.message, className: "inconclusive", order: 1 };
   if (row.exceeds === false) return { sign: "✓", word: "within U", className: "accept", order: 4 };
   if (row.difference === 0) return { sign: "=", word: "the same", className: "", order: 5 };
@@ -100,9 +102,14 @@ export function make({ el, wire, session, fail }) {
     if (value.startsWith("pin ")) against = { pin: value.slice(4) };
     else if (value === "result" || value === "files") {
       const isResult = value === "result";
+      const put = (/** @type {string[]} */ paths, /** @type {boolean} */ isChosen) => {
+        /** @type {HTMLInputElement} */ (document.querySelector("dialog input[name=path]")).value = paths.join("; ");
+        if (isChosen) /** @type {HTMLElement} */ (document.querySelector("dialog [value=yes]")).click();
+      };
       const given = await askForm({
         title: isResult ? "Compare with a stored result" : "Compare with another file by the same recipe", ok: "Compare",
-        text: isResult ? "A result.json, inside the folders that were opened." : "It is evaluated by the present recipe; several runs of a set: one name a line is not needed, separate them by ;",
+        text: isResult ? "A result.json, inside the folders that were opened." : "It is evaluated by the present recipe. For several runs of a set write their names one after another, separated by semicolons.",
+        extra: [makeBrowser(wire, put)],
         fields: [{ name: "path", label: isResult ? "result.json" : "File", value: inTarget(session(), "") }],
       });
       if (given?.path) against = isResult ? { result: given.path } : { files: given.path.split(";").map((one) => one.trim()).filter(Boolean) };

@@ -10,7 +10,7 @@ import { written } from "./shapes.js";
 import { si } from "./format.js";
 import { makeLooks } from "./history.js";
 import mapWidget from "./map.js";
-import { gapped } from "./plots.js";
+import { gapped, whenWidened } from "./plots.js";
 import profileWidget from "./profile.js";
 import { bandOf, bandView, prefer, preferred, sectionOf, sectionView } from "./remember.js";
 import sectionWidget from "./section.js";
@@ -21,8 +21,6 @@ import { makeModel, Refusal, Superseded } from "./wire.js";
 
 /** @typedef {import("./ladder.js").Level} Level */
 /** @typedef {Record<string, any>} Dict */
-
-const WIDENED = 150; // ms after a plot last changed its width, when its columns are asked for anew
 
 /**
  * Return the pictures.
@@ -85,7 +83,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
   polarWidget.render({ model: polar, el: el("polar") });
   profileWidget.render({ model: profile, el: el("profile"), act: grooved });
 
-  const { ask: askRelief, paint: paintRelief, pose: reliefPose } = makeReliefView({ wire, level, stage, kind, lines, epoch: () => epoch, refused, table: () => map.get("colours") });
+  const { ask: askRelief, paint: paintRelief, pose: reliefPose } = makeReliefView({ wire, level, stage, kind, lines: () => [...lines(), ...(map.get("a") && map.get("b") ? [[...map.get("a"), ...map.get("b")]] : [])], epoch: () => epoch, refused, table: () => map.get("colours") });
 
   const { looked, look } = makeLooks({ map, section, spectrum, profile, heights, waves }, {
     kind, unit: () => unit(), choice: () => choice, shade: () => shade, relief: reliefPose,
@@ -283,17 +281,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
     }
   }
 
-  // a plot of another width has other columns
-  let widths = "";
-  let later = 0;
-  const sizes = new ResizeObserver(() => {
-    const now = ["section", "profile"].map((id) => el(id).clientWidth).join(" ");
-    if (now === widths) return;
-    widths = now;
-    clearTimeout(later);
-    later = window.setTimeout(() => void Promise.all([askSection(), askSections(), askProfile()]), WIDENED);
-  });
-  ["section", "profile"].forEach((id) => sizes.observe(el(id)));
+  whenWidened([el("section"), el("profile")], () => Promise.all([askSection(), askSections(), askProfile()]));
 
   return {
     map, section, spectrum, profile,

@@ -39,13 +39,15 @@ export function makeReliefView({ wire, level, stage, kind, epoch, refused, lines
   }
   const lamp = /** @type {HTMLInputElement} */ (el("relief-light"));
   lamp.addEventListener("input", () => relief?.light(Number(lamp.value)));
+  const scale = /** @type {HTMLInputElement} */ (el("relief-height"));
+  scale.addEventListener("input", () => relief?.height(Number(scale.value)));
   el("relief-on").addEventListener("click", () => {
     const on = el("relief").hidden;
     el("map").hidden = on;
     el("relief").hidden = el("relief-bar").hidden = !on;
     el("relief-bar").parentElement?.classList.toggle("turned", on); // the room of the tools stays: the picture does not jump
     el("relief-on").setAttribute("aria-pressed", String(on));
-    relief ??= makeRelief(el("relief"), { table, lines, lit: (degrees) => (lamp.value = String(degrees)) });
+    relief ??= makeRelief(el("relief"), { table, lines, lit: (degrees) => (lamp.value = String(degrees)), stretched: (steps) => (scale.value = String(steps)) });
     askRelief();
   });
   el("relief-save").addEventListener("click", () => relief?.picture().toBlob((blob) => blob && download(blob, "map-3d.png")));
