@@ -25,6 +25,7 @@ from metrosep.core._thumbnails import map_thumbnail, profile_thumbnail
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, MetrosepError, ReadError
 from metrosep.core.profile import Profile
+from metrosep.core.readable import said_value
 from metrosep.core.surface import Surface
 
 __all__ = ["latest", "listing", "remember", "thumbnail"]
@@ -51,7 +52,7 @@ def listing(session: Session, message: Message, cancel: Cancel, tell: Tell) -> A
     places = session.places
     text, first = str(message.get("text") or "").casefold(), message.get("from") or 0
     if isinstance(first, bool) or not isinstance(first, int) or first < 0:
-        raise DataError(f"from is the number of a row, got {first!r}")
+        raise DataError(f"from is the number of a row, got {said_value(first)}")
     folder = _folder(session, message.get("path"))
     found = sorted(
         (e for e in _entries(places, folder) if text in e.path.name.casefold()),
@@ -81,7 +82,7 @@ def thumbnail(session: Session, message: Message, cancel: Cancel, tell: Tell) ->
     """Answer a request ``thumbnail``: a small PNG of a map or profile, read as `metrosep info` would."""
     from metrosep.io.read import read_one
 
-    path = session.places.readable(str(message.get("path")))
+    path = session.places.readable(str(message.get("path") or ""))
     size = path.stat().st_size
     if size > _LARGEST_PICTURE:
         raise ReadError(

@@ -26,6 +26,7 @@ from metrosep.app.view_tables import view_of, with_view
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, MetrosepError, ReadError, WriteError
 from metrosep.core.inside import reading_inside
+from metrosep.core.readable import said_value
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.written.extends import Admits
 
@@ -76,7 +77,7 @@ class Edit:
             )
             or not isinstance(path[0], str)
         ):
-            raise DataError(f"an edit needs a path of keys and indices, got {path!r}")
+            raise DataError(f"an edit needs a path of keys and indices, got {said_value(path)}")
         return cls(tuple(path), message.get("old"), message.get("new"))
 
 
@@ -283,7 +284,7 @@ def _apply(made: Any, edit: Edit) -> None:
     found = _plain(holder, key)
     if found != edit.old:
         raise DataError(
-            f"{_words(edit.path)} is {found!r}, the page took it for {edit.old!r}: reload the page"
+            f"{_words(edit.path)} is {_stored(found)}, the page took it for {_stored(edit.old)}: reload the page"
         )
     if edit.new is None:
         _remove(holder, key)
@@ -291,6 +292,13 @@ def _apply(made: Any, edit: Edit) -> None:
         holder.append(_item(edit.new, in_tables=hasattr(holder, "body") or _holds_tables(holder)))
     else:
         holder[key] = _item(edit.new, in_tables=isinstance(key, int) and _holds_tables(holder))
+
+
+def _stored(value: Any) -> str:
+    """Return what a recipe holds at a place, as it stands there."""
+    from metrosep.recipe.written.overrides import toml_text
+
+    return "nothing" if value is None else toml_text(value)
 
 
 def _fresh(next_key: str | int) -> Callable[[], Any]:

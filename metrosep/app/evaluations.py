@@ -16,6 +16,7 @@ from metrosep.app.documents import text_key
 from metrosep.app.pyramid import MapPyramid, build_pyramid
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.profile import Profile
+from metrosep.core.readable import said_value
 from metrosep.core.surface import Surface
 from metrosep.recipe.pipeline import CancelledError, Stage, run_steps
 
@@ -84,7 +85,7 @@ class Evaluations:
     def source(self, level: Level) -> tuple[Surface | Profile, bool]:
         """Return the data of a size, and whether they are a preview."""
         if level not in ("drag", "idle", "full"):
-            raise DataError(f"level is drag, idle or full, got {level!r}")
+            raise DataError(f"level is drag, idle or full, got {said_value(level)}")
         obj = self.obj
         if level == "full" or not isinstance(obj, Surface) or obj.z.size <= _SMALL:
             return obj, False

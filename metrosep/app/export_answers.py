@@ -22,6 +22,7 @@ from metrosep.app.sessions import Session, mark_of
 from metrosep.app.wire import Answer, Cancel, Message, Tell, number_or_none, plain, text_of
 from metrosep.core.errors import DataError, ReadError, UnsupportedFeatureError
 from metrosep.core.methods import METHODS
+from metrosep.core.readable import said_value
 from metrosep.recipe.pipeline import CancelledError
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.result import Result
@@ -54,7 +55,7 @@ def export(session: Session, message: Message, cancel: Cancel, tell: Tell) -> An
         )
         return {"files": [str(f) for f in result.files], "verdict": result.verdict}, {}
     raise UnsupportedFeatureError(
-        f"export of {what!r} is not in this version: recipe or result; a table is exported by 'table'"
+        f"export of {said_value(what)} is not in this version: recipe or result; a table is exported by 'table'"
     )
 
 
@@ -302,7 +303,7 @@ def _pattern(message: Message, file: Path) -> str:
     if given in (None, ""):
         return f"*{file.suffix}" if file.suffix else "*"
     if not isinstance(given, str) or "/" in given or "\\" in given:
-        raise DataError(f"pattern is of names of files, such as *.sdf; got {given!r}")
+        raise DataError(f"pattern is of names of files, such as *.sdf; got {said_value(given)}")
     return given
 
 

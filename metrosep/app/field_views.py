@@ -14,6 +14,7 @@ from metrosep.app.wire import Arrays
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
+from metrosep.core.readable import said_value
 from metrosep.core.sections import extremes_in
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
@@ -73,11 +74,11 @@ def distribution(obj: Surface | Profile) -> Distribution:
 def heights_view(found: Distribution, at: Any) -> tuple[dict[str, Any], Arrays]:
     """Return classes and material ratio curve, and the exact ratios of two heights about the mean (m)."""
     if at is not None and (not isinstance(at, list) or len(at) != 2):
-        raise DataError(f"at is two heights about the mean in m, got {at!r}")
+        raise DataError(f"at is two heights about the mean in m, got {said_value(at)}")
     given = at or [found.curve.height(p) for p in (0.1, 0.8)]
     levels = [float(v) for v in given]
     if not all(map(math.isfinite, levels)):
-        raise DataError(f"at is two heights about the mean in m, got {at!r}")
+        raise DataError(f"at is two heights about the mean in m, got {said_value(at)}")
     n = found.curve.heights.size
     heights = np.linspace(found.edges[0], found.edges[-1], _CURVE)
     rising = found.curve.heights[::-1]
@@ -116,7 +117,7 @@ def waves_view(surface: Surface) -> tuple[Mapping[str, Any], Arrays]:
     top = float(density.max())
     j, i = np.unravel_index(int(density.argmax()), density.shape)
     fx, fy = float(psd.frequency_x[i]), float(psd.frequency_y[j])
-    notes = []
+    notes = ["Hann window, plane removed"]
     if share:
         notes.append(
             f"{100.0 * share:.3g} % not measured: the mean around stands there, for this picture only"

@@ -19,6 +19,7 @@ from metrosep.app.pyramid import MapPyramid, PyramidLevel
 from metrosep.core._arrays import ByteArray, FloatArray
 from metrosep.core.errors import DataError, MetrosepError, TooFewSamplesError
 from metrosep.core.profile import Profile
+from metrosep.core.readable import said_value
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.separation.runs.base import ErrorEstimate
@@ -177,11 +178,13 @@ def map_view(
 
 def _screen(pixels: Sequence[int], level: str) -> tuple[int, int]:
     if level not in _LONGEST_SIDE:
-        raise DataError(f'level must be "drag", "idle" or "full", got {level!r}')
+        raise DataError(f'level must be "drag", "idle" or "full", got {said_value(level)}')
     sides: list[Any] = list(pixels)
     whole = [isinstance(n, int | np.integer) and not isinstance(n, bool) for n in sides]
     if len(sides) != 2 or not all(whole) or not all(1 <= n <= 16384 for n in sides):
-        raise DataError(f"pixels must be two whole numbers from 1 to 16384, got {pixels!r}")
+        raise DataError(
+            f"pixels must be two whole numbers from 1 to 16384, got {said_value(pixels)}"
+        )
     shrink = min(1.0, _LONGEST_SIDE[level] / max(sides))
     width, height = (max(1, round(int(n) * shrink)) for n in sides)
     return width, height
@@ -193,7 +196,7 @@ def _numbers(values: Sequence[float], n: int, what: str) -> list[float]:
     except (TypeError, ValueError):
         numbers = []
     if len(numbers) != n or not all(math.isfinite(v) for v in numbers):
-        raise DataError(f"{what} must be {n} finite numbers in m, got {values!r}")
+        raise DataError(f"{what} must be {n} finite numbers in m, got {said_value(values)}")
     return numbers
 
 
@@ -376,7 +379,7 @@ def relief_view(
 
     least, most = _RELIEF
     if isinstance(side, bool) or not isinstance(side, int) or not least <= side <= most:
-        raise DataError(f"side is a whole number from {least} to {most}, got {side!r}")
+        raise DataError(f"side is a whole number from {least} to {most}, got {said_value(side)}")
     valid = surface.z[~np.isnan(surface.z)]
     if valid.size < 2:
         raise DataError("there is nothing measured to show")

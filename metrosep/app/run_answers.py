@@ -32,6 +32,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
+from metrosep.core.readable import said_value
 from metrosep.core.runset import SAME_FEED, Run, RunSet
 from metrosep.core.units import format_ends, format_length
 from metrosep.plot.left_out import lag_words, run_rows
@@ -266,7 +267,9 @@ def _direction(wanted: Any, runs: RunSet) -> int:
     if wanted is None:
         return have[0]
     if isinstance(wanted, bool) or wanted not in have:
-        raise DataError(f"direction is one of {have} (+1 forward, -1 reverse), got {wanted!r}")
+        raise DataError(
+            f"direction is one of {have} (+1 forward, -1 reverse), got {said_value(wanted)}"
+        )
     return int(wanted)
 
 

@@ -62,6 +62,7 @@ from metrosep.core.errors import DataError, MetrosepError, RecipeError, WriteErr
 from metrosep.core.exit_codes import exit_code_of
 from metrosep.core.inside import carried
 from metrosep.core.profile import Profile
+from metrosep.core.readable import said_value
 from metrosep.core.sections import section_profile
 from metrosep.core.surface import Surface
 from metrosep.recipe.pipeline import CancelledError
@@ -486,7 +487,9 @@ class Answers:
             raise DataError("reading is an object of options")
         paths = message.get("paths") or [message.get("path")]
         if not isinstance(paths, list) or not all(isinstance(p, str) and p for p in paths):
-            raise DataError(f"path is a text, or paths a list of them; got {paths!r}")
+            raise DataError(
+                f"path is a text, or paths a list of them; got {said_value(message.get('path'))}"
+            )
         self.session.open(paths, reading, keep_recipe=message.get("keep_recipe") is True)
         self.pictures.forget()
         import_module("metrosep.app.browsing").remember(self.session)
@@ -537,7 +540,7 @@ class PictureAnswers:
         outcome = self.session.outcome(level_of(message), cancel=cancel)
         stage = message.get("stage", -1)
         if isinstance(stage, bool) or not isinstance(stage, int):
-            raise DataError(f"stage is the number of a step, got {stage!r}")
+            raise DataError(f"stage is the number of a step, got {said_value(stage)}")
         obj = outcome.after(stage)
         if isinstance(obj, Surface) and outcome.shift != (0.0, 0.0):
             obj = self._moved.of(obj, outcome.shift)

@@ -19,6 +19,7 @@ from metrosep.app.view_tables import checked_columns, find_holes
 from metrosep.core._arrays import ByteArray, FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
+from metrosep.core.readable import said_value
 from metrosep.core.runset import Run
 from metrosep.core.units import format_length
 from metrosep.separation.runs.base import ErrorEstimate
@@ -140,11 +141,11 @@ def profile_spectrum(
     [50.0, 0.0]
     """
     if gaps not in ("longest", "refuse"):
-        raise DataError(f'gaps must be "longest" or "refuse", got {gaps!r}')
+        raise DataError(f'gaps must be "longest" or "refuse", got {said_value(gaps)}')
     if not isinstance(profile, Profile | Run):
         raise DataError(f"the spectrum is that of a Profile, got {type(profile).__name__}")
     if unit not in ("m", "px"):
-        raise DataError(f'unit must be "m" or "px", got {unit!r}')
+        raise DataError(f'unit must be "m" or "px", got {said_value(unit)}')
     told = format_length if unit == "m" else _pixels
     whole = profile.to_profile() if isinstance(profile, Run) else profile
     part, messages = _longest_part(whole, gaps, told)
@@ -357,7 +358,9 @@ def _rows(
         )
     ways = np.asarray(table.get("direction", [""] * n))
     if direction is not None and direction not in _WAYS:
-        raise DataError(f"direction is +1 (forward), -1 (reverse) or None, got {direction!r}")
+        raise DataError(
+            f"direction is +1 (forward), -1 (reverse) or nothing, got {said_value(direction)}"
+        )
     if "direction" not in table:
         if direction is not None and direction not in estimate.directions:
             raise DataError(f"the estimate has no {_WAYS[direction]} direction of its own")

@@ -39,13 +39,14 @@ from metrosep.core.errors import (
     SignNotConfirmedError,
     WriteError,
 )
+from metrosep.core.readable import said_value
 from metrosep.core.runset import RunSet
 from metrosep.core.units import parse_quantity
 from metrosep.recipe.outputs import active_of, carried_of, machine_of, temporary_folder
 from metrosep.recipe.pipeline import CancelledError
 from metrosep.recipe.preflight import output_name
 from metrosep.recipe.recipe import Recipe
-from metrosep.recipe.step_help import in_table_words
+from metrosep.recipe.table_words import in_table_words
 from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["controllers", "table"]
@@ -121,7 +122,7 @@ def _tables(recipe: Recipe) -> list[int]:
 def _number(message: Message, n: int) -> int:
     number = message.get("output", 0)
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < n:
-        raise DataError(f"output is the number of a table, 0 to {n - 1}; got {number!r}")
+        raise DataError(f"output is the number of a table, 0 to {n - 1}; got {said_value(number)}")
     return number
 
 
@@ -133,7 +134,7 @@ def _with_draft(
     if draft is None:
         return document.recipe, None
     if not isinstance(draft, Mapping):
-        raise DataError(f"draft is an output of a recipe, got {draft!r}")
+        raise DataError(f"draft is an output of a recipe, got {said_value(draft)}")
     at, old = len(document.recipe.outputs), None
     if found:
         at = found[_number(message, len(found))]
@@ -219,7 +220,7 @@ def _written(
 ) -> dict[str, Any]:
     given = message["write"]
     if not isinstance(given, str):
-        raise DataError(f"write is the path of a file, got {given!r}")
+        raise DataError(f"write is the path of a file, got {said_value(given)}")
     target: Path = session.target(given)
     overwrite = message.get("overwrite") is True
     if message.get("trial") is not None:
@@ -498,7 +499,7 @@ def write_file(
 def make_trial(wanted: Wanted, basis: Mapping[str, Any], height: object) -> TrialTable:
     """Return one bump that tells the sign on the machine, as ``metrosep table --trial`` has it."""
     if not isinstance(height, str):
-        raise DataError(f"trial is a height with its unit, such as 2 um; got {height!r}")
+        raise DataError(f"trial is a height with its unit, such as 2 um; got {said_value(height)}")
     size = parse_quantity(height, dimension="length", name="trial")
     made, _, _ = wanted.carried(basis)
     if not isinstance(made, CompensationTable):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
+from metrosep.core.readable import said_value
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.sections import Reading, height_at, is_calibrated, read_line
 from metrosep.core.surface import Surface
@@ -61,7 +62,7 @@ def checked_view(given: Any) -> dict[str, Any]:
     found = {k: v for k, v in given.items() if v is not None}
     for key, value in found.items():
         if not _fits(key, value):
-            raise DataError(f"view: {key} = {value!r} is not what belongs there")
+            raise DataError(f"view: {key} = {said_value(value)} is not what belongs there")
     return found
 
 
@@ -156,7 +157,7 @@ def checked_window(
     except (TypeError, ValueError):
         x0 = x1 = math.nan
     if not (math.isfinite(x0) and math.isfinite(x1) and x0 < x1):
-        raise DataError(f"window must be two positions x0 < x1 in m, got {window!r}")
+        raise DataError(f"window must be two positions x0 < x1 in m, got {said_value(window)}")
     return x0, x1
 
 
@@ -164,7 +165,9 @@ def checked_columns(columns: Any) -> int:
     """Return the number of pixel columns of a picture."""
     is_whole = isinstance(columns, int | np.integer) and not isinstance(columns, bool)
     if not is_whole or not 1 <= columns <= _MOST_COLUMNS:
-        raise DataError(f"columns must be a whole number from 1 to 100 000, got {columns!r}")
+        raise DataError(
+            f"columns must be a whole number from 1 to 100 000, got {said_value(columns)}"
+        )
     return int(columns)
 
 
@@ -213,7 +216,7 @@ def section_view(
     """
     wide: Any = columns
     if isinstance(wide, bool) or not isinstance(wide, int | np.integer) or wide < 1:
-        raise DataError(f"columns must be a whole number from 1, got {columns!r}")
+        raise DataError(f"columns must be a whole number from 1, got {said_value(columns)}")
     parts = checked_cursors(cursors)
     distance, z, length, _ = read_line(surface, a, b, method)
     n = z.size

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from metrosep.app.evaluations import Level
 from metrosep.core.errors import DataError
+from metrosep.core.readable import said_value
 
 __all__ = [
     "Answer",
@@ -303,7 +304,7 @@ def text_of(message: Message, name: str) -> str:
     """Return a text of a request."""
     value = message.get(name)
     if not isinstance(value, str) or not value:
-        raise DataError(f"{name} is a text, got {value!r}")
+        raise DataError(f"{name} is a text, got {said_value(value)}")
     return value
 
 

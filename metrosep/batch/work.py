@@ -16,10 +16,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from metrosep._version import __version__
 from metrosep.batch import units
 from metrosep.batch.index import row_of
-from metrosep.batch.thumbs import THUMB, thumbnail
 from metrosep.batch.units import (
     FAILED,
     RESULT,
@@ -32,8 +33,11 @@ from metrosep.batch.units import (
     unit_record,
 )
 from metrosep.core import errors, exit_codes
+from metrosep.core._arrays import FloatArray
+from metrosep.core._thumbnails import colour_png, profile_thumbnail
 from metrosep.core.blas import one_thread
 from metrosep.core.errors import MetrosepError, ReadError, RecipeError, WriteError
+from metrosep.recipe.describe.charts import decimated, display_limits
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
@@ -46,6 +50,7 @@ __all__ = [
     "earlier_row",
     "input_hash",
     "record_failure",
+    "thumbnail",
 ]
 
 DISK_FULL = "disk full"
@@ -447,3 +452,48 @@ def _of_group() -> int | None:
         return None if most == "max" else max(0, int(most) - int(used))
     except (OSError, ValueError):
         return None
+
+
+# ---- the small picture of a result for the index: 96 pixels wide, at most 8 kB ---------------------
+
+THUMB = "thumb.png"
+_SIDES, _MOST_BYTES = (96, 80, 64, 48), 8192
+
+
+def thumbnail(document: Mapping[str, Any]) -> bytes | None:
+    """Return the picture of what was judged: the last map, else the first curve; None where there is neither.
+
+    A pixel that stands out keeps its value, as in the pictures of a report.
+    """
+    charts = (document.get("separation") or {}).get("charts") or []
+    maps = [c for c in charts if c.get("kind") == "maps" and c.get("parts")]
+    if maps:
+        rows = next(iter(maps[-1]["parts"].values()))
+        z = _numbers(rows)
+        if z.ndim == 2 and np.isfinite(z).any():
+            return _map_thumbnail(z, maps[-1].get("limits"))
+    for chart in charts:
+        for panel in chart.get("panels") or []:
+            for curve in panel.get("curves") or []:
+                x, y = _numbers(curve["x"]), _numbers(curve["y"])
+                if x.size > 1 and np.isfinite(y).any():
+                    return profile_thumbnail(x, y)
+    plots = document.get("plots") or {}
+    if plots.get("x_mm"):
+        return profile_thumbnail(_numbers(plots["x_mm"]), _numbers(plots["estimate_nm"]))
+    return None
+
+
+def _map_thumbnail(z: FloatArray, limits: Any) -> bytes:
+    low, high = limits or display_limits(z)[:2]
+    made = b""
+    for side in _SIDES:
+        made = colour_png(decimated(z, max(1, -(-max(z.shape) // side))), float(low), float(high))
+        if len(made) <= _MOST_BYTES:
+            break
+    return made
+
+
+def _numbers(values: Any) -> FloatArray:
+    """Return numbers of a document, None as NaN."""
+    return np.array(values, dtype=np.float64)

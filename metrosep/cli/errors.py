@@ -43,6 +43,12 @@ _PLACES = ("x", "y", "z")
 """Options whose names a message also uses for a place in m."""
 
 
+_CALL = re.compile(
+    r"\bread (?:it|them|repeated runs) with metrosep\.read_runs\([^()]*\),? or (?=(metrosep)?)"
+)
+"""A way out that is a call of Python, before the command that does the same."""
+
+
 def _place(name: str, number: str) -> str:
     """Return a place in m as a reader wants it; the text itself where it is not a number."""
     digits = number.rstrip(".")
@@ -102,6 +108,8 @@ def as_options(
         name = found.group(1).replace("_", "-")
         return f"--{name} {value}" if value and value != "True" else f"--{name}"
 
+    if names:
+        message = _CALL.sub(lambda found: "use " if found[1] else "", message)
     if "x" in names or "settings" in names:
         message = re.sub(r"\b([a-z]+)=\('([^']*)', '([^']*)'\)", r"\1='\2:\3'", message)
     if "x" in names:

@@ -300,7 +300,7 @@ def _print_result(result: Result, *, as_json: bool) -> None:
         click.echo(json.dumps(_summary(result, files), sort_keys=True, allow_nan=False))
         return
     estimate = result.estimate
-    say(repr(estimate))
+    say("error " + repr(estimate).removeprefix(f"{type(estimate).__name__}(").removesuffix(")"))
     for feed, number in (result.document.get("plan") or {}).get("runs", ()):
         say(f"next: {number} run(s) at {feed:.6g} mm/min")
     for message in result.document["messages"]:

@@ -105,8 +105,8 @@ class Voltage(Dialect):
         *(o for o in PLAYBACK_OPTIONS if o.name in _SHARED),
         Option(
             "calibration",
-            "FlexureCalibration, its stored form (a mapping, or its JSON text on the command line), or "
-            "the sensitivity such as '1.66 um/V'",
+            "calibration of the stage, its stored form (a mapping, or its JSON text on the command line), "
+            "or the sensitivity such as '1.66 um/V'",
             "object",
             required=True,
         ),

@@ -16,7 +16,7 @@ from typing import Any, Literal
 from metrosep.core.errors import InvalidSamplesError, OptionError, UnitError
 from metrosep.core.limits import FROM_FIT, Limit, parse_limit
 from metrosep.core.numbers import steps_of
-from metrosep.core.readable import did_you_mean
+from metrosep.core.readable import did_you_mean, said_value
 from metrosep.core.units import TYPICAL, parse_quantity, unit_dimension
 
 __all__ = ["KINDS", "Kind", "Option", "checked", "option", "options_of"]
@@ -128,7 +128,7 @@ def checked(declared: Option, value: Any, name: str, *, bare: bool = True) -> An
     except (OptionError, UnitError) as exc:
         if name == "value" or str(exc).startswith(name):
             raise
-        raise type(exc)(f"{name} = {value!r}: {exc}") from None
+        raise type(exc)(f"{name} = {said_value(value)}: {exc}") from None
     low, high = declared.low, declared.high
     if (low is not None and found < low) or (high is not None and found > high):
         ends = [f"from {low:g}"] if low is not None else []
@@ -142,7 +142,7 @@ def not_one_of(name: str, value: Any, known: Iterable[Any]) -> str:
     if isinstance(value, int) and value.bit_length() > _BITS:
         value = "a number beyond all measure"
     texts = [str(c) for c in known]
-    return f"{name} = {value!r} is not one of {', '.join(texts)}.{did_you_mean(value, texts)}"
+    return f"{name} = {said_value(value)} is not one of {', '.join(texts)}.{did_you_mean(value, texts)}"
 
 
 _BITS = 64

@@ -16,6 +16,7 @@ __all__ = [
     "digits_of",
     "readable_text",
     "readable_unit",
+    "said_value",
     "typed_number",
     "typeset",
     "value_text",
@@ -170,6 +171,19 @@ def readable_text(message: str) -> str:
 
     words = _IN_SI.sub(replaced, _ABOUT_SI.sub("", message))
     return _LONG.sub(lambda found: digits_of(float(found.group())), words)
+
+
+def said_value(value: object) -> str:
+    """Return what was typed into a recipe or a page, for a message: no word of Python.
+
+    Examples
+    --------
+    >>> said_value(True), said_value(None), said_value("x")
+    ('true', 'nothing', "'x'")
+    """
+    if value is None:
+        return "nothing"
+    return str(value).lower() if isinstance(value, bool) else repr(value)
 
 
 def did_you_mean(word: object, known: Iterable[object]) -> str:

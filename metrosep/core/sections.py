@@ -20,6 +20,7 @@ from metrosep.core.numbers import not_negative, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.regions import within_region
+from metrosep.core.units import format_length
 
 if TYPE_CHECKING:
     from metrosep.core.surface import Surface
@@ -301,9 +302,10 @@ def read_line(
     (x0, y0), (dx, dy) = _grid(surface)
     length = math.hypot(bx - ax, by - ay)
     if not 0.0 < length < _MOST_SAMPLES * min(dx, dy):
+        places = [", ".join(map(format_length, p)) for p in ((ax, ay), (bx, by))]
         raise DataError(
-            f"the section runs from ({ax:.9g}, {ay:.9g}) to ({bx:.9g}, {by:.9g}): its ends must "
-            f"differ, by less than {_MOST_SAMPLES} pixels; are they in m?"
+            f"the section runs from ({places[0]}) to ({places[1]}): its ends must differ, by less than "
+            f"{_MOST_SAMPLES} pixels; check their unit"
         )
     # a step that divides the length up to rounding must not be cut in two
     n = max(2, math.ceil(length / min(dx, dy) * (1.0 - 1e-9)) + 1)

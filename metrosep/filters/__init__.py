@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from metrosep.filters._arguments import DoubleFilterError, profile_kind
+from metrosep.filters.bands import BandEdges, band_edges, band_stop
 from metrosep.filters.chain import primary, roughness, waviness
 from metrosep.filters.gaussian import gaussian, gaussian_support
 from metrosep.filters.morphological import closing, dilation, erosion, opening
@@ -13,7 +14,10 @@ from metrosep.spectral.dft import Band
 
 __all__ = [
     "Band",
+    "BandEdges",
     "DoubleFilterError",
+    "band_edges",
+    "band_stop",
     "closing",
     "dilation",
     "erosion",

@@ -131,7 +131,6 @@ def gaussian(
     min_support: float = 0.1,
     fill: bool = False,
     refilter: bool = False,
-    stop: bool = False,
 ) -> Measured:
     """Return the Gaussian mean line or surface, what it leaves, or a band of wavelengths.
 
@@ -153,8 +152,6 @@ def gaussian(
     fill : bool, optional
         Also give the mean line in gaps, inside the range that was measured.
     $refilter
-    stop : bool, optional
-        Take a `Band` with two ends out and leave all else: the object minus what the band keeps.
 
     Returns
     -------
@@ -205,9 +202,7 @@ def gaussian(
             raise DataError(
                 "a Band holds the cut-offs itself: leave out cutoff, nesting_index, upr"
             )
-        return _band(obj, band, end, min_support, fill, refilter, stop)
-    if stop:
-        raise DataError("stop=True takes a Band out: give band=Band(shortest, longest)")
+        return _band(obj, band, end, min_support, fill, refilter)
     return _filtered(
         obj,
         cutoff=cutoff,
@@ -342,14 +337,8 @@ def _band(
     min_support: float,
     fill: bool,
     refilter: bool,
-    stop: bool,
 ) -> Measured:
-    """Return the object after its S-filter and its L-filter, or what these two take off."""
-    if stop and (None in (band.shortest, band.longest) or end == "cut"):
-        raise DataError(
-            "a band that is removed has two ends, and no end of the measurement is cut"
-        )
-    whole = obj
+    """Return the object after its S-filter and its L-filter."""
     if band.shortest is None and band.longest is None:
         raise DataError("the band is open on both sides: nothing is to be filtered")
     name = "nesting_index" if obj.z.ndim == 2 else "cutoff"
@@ -357,7 +346,7 @@ def _band(
         "end": end,
         "min_support": min_support,
         "fill": fill,
-        "refilter": refilter or stop,
+        "refilter": refilter,
     }
     if band.shortest is not None:
         options[name] = band.shortest
@@ -365,12 +354,7 @@ def _band(
     if band.longest is not None:
         options[name] = band.longest
         obj = _filtered(obj, band="short", **options)
-    if not stop:
-        return obj
-    facts = {"shortest_m": band.shortest, "longest_m": band.longest, "band": "stop", "end": end}
-    return arguments.like(
-        whole, whole.z - obj.z, step=Step("gaussian band-stop", facts), short=False
-    )
+    return obj
 
 
 def _mean(

@@ -5,12 +5,14 @@ With N points, J the derivatives at the solution, J = Q R, and C the covariance 
     cov(a) = R^-1 (Q' C Q) R^-T                                                          (1)
 
 White deviations give the textbook's s^2 (J'J)^-1, which is right for nothing that is machined. Two
-estimates of C are made from the residual, and the larger standard uncertainty counts. Part A is its
-autocovariance, corrected for the low frequencies that the fit took out. Part B asks the polynomials
-next to the model which spectra are likely, and what each does to the parameters, since real surfaces
-have more power there than a short correlation can hold. An error that has the shape of a parameter (a
-wrong reference sphere) is in neither. Sources: metrology-2, chapter 1; sandwich covariance after
-Newey and West (1987), window after Sokal.
+estimates of C are made from the residual. Part A is its autocovariance, corrected for the low
+frequencies that the fit took out. Part B asks the polynomials next to the model which spectra are
+likely, and what each does to the parameters, since real surfaces have more power there than a short
+correlation can hold. On maps B counts, and the larger of two noisy numbers would only be wider: A gives
+the area that hangs together. On a line, which has few polynomials, where the model holds what is not a
+polynomial, and where the deviations have a lay, the larger expanded uncertainty counts. An error that has the shape of a parameter (a
+wrong reference sphere) is in neither. Sources: metrology-2, chapter 1; sandwich covariance after Newey
+and West (1987), window after Sokal.
 """
 
 from __future__ import annotations
@@ -123,26 +125,33 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
         if level <= floor:  # rounding of the heights, which hangs together with nothing
             inverse = np.linalg.inv(R) * floor
             return Estimate(inverse @ inverse.T, float(N - p), float(N), 0.0)
-        M, area, dof = _lags(Q, rest, good, is_line=is_line)
-        inverse = np.linalg.inv(R)
-        by_a = inverse @ M @ inverse.T
+        here = good
         if not is_line and max(r.shape) > _SIDE_B:
-            coarser = -(-max(r.shape) // _SIDE_B)
-            few = _blocks(x, y, J, r, coarser, coarser)
-            here = ~np.isnan(few[3])
-            if _is_of_full_rank(few[2][:, here]):  # a narrow groove may be lost between the blocks
-                (x, y, J, r), good = few, here
-        by_b, n_functions, bounded = _next_to_the_model(
-            x[good], y[good], J[:, good], r[good], is_line=is_line
-        )
-        if bounded:  # by one sum of squares of deviations that are long: known no better than by A
-            n_functions = int(min(n_functions, max(dof, 1.0)))
-        cov, dof = _larger(by_a, dof, by_b, n_functions, inverse @ inverse.T)
+            b = -(-max(r.shape) // _SIDE_B)
+            few = _blocks(x, y, J, r, b, b)
+            within = ~np.isnan(few[3])
+            if _is_of_full_rank(few[2][:, within]):  # a narrow groove may be lost in the blocks
+                (x, y, J, r), here = few, within
+        found = _next_to_the_model(x[here], y[here], J[:, here], r[here], is_line=is_line)
+        dof_b = max(1.0, float(found.n))
+        if found.is_known and not is_line:
+            _, area, dof_a = _lags(rest, good, found.Q, here, is_line=False)
+            cov, dof = found.cov, dof_b
+            if found.is_bounded:  # by one sum of squares of deviations that are long
+                dof = min(dof_b, max(dof_a, 1.0))
+        else:
+            M, area, dof_a = _lags(rest, good, Q, good, is_line=is_line)
+            if found.is_bounded:
+                dof_b = min(dof_b, max(dof_a, 1.0))
+            inverse = np.linalg.inv(R)
+            cov, dof = _larger(
+                inverse @ M @ inverse.T, dof_a, found.cov, dof_b, inverse @ inverse.T
+            )
         n_effective = N / area
         if n_effective < 2 * p:
             return _unknown(p, n_effective)
         length = 0.5 * b_x * area if is_line else np.sqrt(b_y * b_x * area / np.pi)
-        return Estimate(cov * level**2, dof, n_effective, float(length), bounded)
+        return Estimate(cov * level**2, dof, n_effective, float(length), found.is_bounded)
 
 
 class NoiseModel(Protocol):
@@ -196,8 +205,8 @@ def _scattered(points: Points, linearise: Linearise, residual: FloatArray, p: in
         x, y, J, r = _cells(x, y, J, r)
         if p >= r.size:
             return _unknown(p, N)
-    cov, n_functions, bounded = _next_to_the_model(x, y, J, r, is_line=float(np.ptp(y)) == 0.0)
-    return Estimate(cov, max(1.0, float(n_functions)), float(N), np.nan, bounded)
+    found = _next_to_the_model(x, y, J, r, is_line=float(np.ptp(y)) == 0.0)
+    return Estimate(found.cov, max(1.0, float(found.n)), float(N), np.nan, found.is_bounded)
 
 
 def _cells(
@@ -342,49 +351,34 @@ def _total(v: NDArray[Any], b_y: int, b_x: int) -> FloatArray:
 
 
 def _lags(
-    Q: FloatArray, r: FloatArray, good: BoolArray, *, is_line: bool
+    r: FloatArray, good: BoolArray, Q: FloatArray, here: BoolArray, *, is_line: bool
 ) -> tuple[FloatArray, float, float]:
     """Return Q' C Q from the autocovariance, the correlated area in pixels, degrees of freedom.
 
     With c(h) and g(h) the lagged products of the residual and of the columns of Q, over the number
     of pairs n(h): the fit lowers c by S g, so that the sum over |h| <= L is
     S = sum c / (1 - sum g) (4), the area A = S / (c(0) + S g(0)) (5), and L the smallest with
-    L >= 4 sqrt(A / pi) (6), on a profile L >= 2 A.
+    L >= 4 sqrt(A / pi) (6), on a profile L >= 2 A. Q may be that of the blocks `here` of the map: its
+    columns are smooth, and the sum of g over a disc is that over as many lags. Q' C Q is then empty.
     """
-    from scipy import fft
-
-    N, p = Q.shape
-    shape = tuple(fft.next_fast_len(2 * n - 1, real=True) for n in good.shape)
-
-    def image(v: FloatArray) -> FloatArray:
-        full = np.zeros(good.shape)
-        full[good] = v
-        return np.asarray(fft.rfft2(full, shape))
-
-    def lagged(spectrum: FloatArray) -> FloatArray:
-        return np.asarray(fft.irfft2(spectrum, shape))
-
-    n_f = shape[0] * (shape[1] // 2 + 1)
-    spectra = np.empty((p, 2 * n_f))  # real and imaginary parts side by side
-    for row, q in zip(spectra, Q.T, strict=True):
-        row[:] = image(q).reshape(-1).view(np.float64)
-    pairs = np.rint(lagged(np.square(np.abs(image(np.ones(N))))))
-    counts = pairs >= max(_PAIRS * N, 1.0)
-    pairs = np.maximum(pairs, 1.0)
-    c = lagged(np.square(np.abs(image(r)))) / pairs
-    energy = np.einsum("ij,ij->j", spectra, spectra).reshape(shape[0], -1, 2).sum(axis=2)
-    g = lagged(energy) / pairs
-    i, j = (np.rint(fft.fftfreq(n) * n).astype(np.intp) for n in shape)
-    square = i[:, None] ** 2 + j[None, :] ** 2
+    c, pairs, square, _ = _lagged(r[:, None], good)
+    counts = pairs >= max(_PAIRS * r.size, 1.0)
     at = square[counts]
-    summed = [np.cumsum(np.bincount(at, v[counts])) for v in (c, g)]
-    there = np.nonzero(np.bincount(at))[0]
+    number = np.bincount(at)
+    there = np.nonzero(number)[0]
     there = there[there >= 1]
     if there.size == 0:
         there = np.zeros(1, dtype=np.intp)
+    g, pairs_g, square_g, spectra = _lagged(Q, here)
+    counts_g = pairs_g >= max(_PAIRS * Q.shape[0], 1.0)
+    at_g = square_g[counts_g]
+    share = here.size / good.size
+    lags = np.concatenate([[0.0], np.cumsum(np.bincount(at_g))])
+    of_g = np.concatenate([[0.0], np.cumsum(np.bincount(at_g, g[counts_g]))])
+    held = np.interp(share * np.cumsum(number)[there], lags, of_g)
     L = np.sqrt(there.astype(np.float64))
-    S = summed[0][there] / np.maximum(1.0 - summed[1][there], _LEAST_LEFT)
-    variance = c[0, 0] + S * g[0, 0]
+    S = np.cumsum(np.bincount(at, c[counts]))[there] / np.maximum(1.0 - held, _LEAST_LEFT)
+    variance = c[0, 0] + S * Q.shape[1] / r.size
     A = np.where((S > 0.0) & (variance > 0.0), np.maximum(1.0, S / variance), 1.0)
     settled = np.nonzero((2.0 * A if is_line else 4.0 * np.sqrt(A / np.pi)) <= L)[0]
     if settled.size:
@@ -392,33 +386,78 @@ def _lags(
     else:
         side = max(good.shape) if is_line else min(good.shape)
         k = int(np.argmax(np.where(max(side / 4.0, 1.0) >= L, S, -np.inf)))
-    C = np.where(counts & (square <= there[k]), c + S[k] * g, 0.0)
+    reach = max(float(L[k]), 1.0)
+    dof = r.size / reach if is_line else 2.0 * r.size / (np.pi * reach**2)
+    M = np.empty((0, 0))
+    if here is good:
+        C = np.where(counts & (square <= there[k]), c + S[k] * g, 0.0)
+        M = _under(C, spectra)
+    return M, float(A[k]), float(dof)
+
+
+def _lagged(
+    columns: FloatArray, good: BoolArray
+) -> tuple[FloatArray, FloatArray, NDArray[np.intp], FloatArray]:
+    """Return lagged products of columns (n, p), summed, over the pairs; these, squares of lags, spectra."""
+    from scipy import fft
+
+    shape = tuple(fft.next_fast_len(2 * n - 1, real=True) for n in good.shape)
+
+    def image(v: FloatArray | float) -> FloatArray:
+        full = np.zeros(good.shape)
+        full[good] = v
+        return np.asarray(fft.rfft2(full, shape))
+
+    n_f = shape[0] * (shape[1] // 2 + 1)
+    spectra = np.empty((columns.shape[1], 2 * n_f))  # real and imaginary parts side by side
+    for row, q in zip(spectra, columns.T, strict=True):
+        row[:] = image(q).reshape(-1).view(np.float64)
+    pairs = np.rint(fft.irfft2(np.square(np.abs(image(1.0))), shape))
+    energy = np.einsum("ij,ij->j", spectra, spectra).reshape(shape[0], -1, 2).sum(axis=2)
+    i, j = (np.rint(fft.fftfreq(n) * n).astype(np.intp) for n in shape)
+    products = np.asarray(fft.irfft2(energy, shape)) / np.maximum(pairs, 1.0)
+    return products, pairs, i[:, None] ** 2 + j[None, :] ** 2, spectra
+
+
+def _under(C: FloatArray, spectra: FloatArray) -> FloatArray:
+    """Return Q' C Q from a covariance against lag and the spectra of the columns of Q."""
+    from scipy import fft
+
     weight = np.asarray(fft.rfft2(C)).real  # C(h) = C(-h): its spectrum is real
-    weight[:, 1 : (shape[1] + 1) // 2] *= 2.0  # the half that a real transform leaves out
-    M = (spectra * np.repeat(weight.reshape(-1), 2)) @ spectra.T / (shape[0] * shape[1])
+    weight[:, 1 : (C.shape[1] + 1) // 2] *= 2.0  # the half that a real transform leaves out
+    M = (spectra * np.repeat(weight.reshape(-1), 2)) @ spectra.T / C.size
     M = 0.5 * (M + M.T)
     low = np.diag(M) < 0.0
     M[low] = M[:, low] = 0.0
-    reach = max(float(L[k]), 1.0)
-    dof = N / reach if is_line else 2.0 * N / (np.pi * reach**2)
-    return M, float(A[k]), float(dof)
+    return np.asarray(M)
 
 
 # ---- part B --------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Beside:
+    """What the polynomials beside the model say: covariance (p, p), their number, Q of the model (., p)."""
+
+    cov: FloatArray
+    n: int
+    Q: FloatArray
+    is_known: bool  # by enough: each column of the model is a polynomial, no lay is likely
+    is_bounded: bool = False  # a bound by energy is at work
+
+
 def _next_to_the_model(
     x: FloatArray, y: FloatArray, J: FloatArray, r: FloatArray, *, is_line: bool
-) -> tuple[FloatArray, int, bool]:
-    """Return the covariance that the polynomials beside the model ask for, their number, and a flag.
+) -> _Beside:
+    """Return the covariance that the polynomials beside the model ask for.
 
     t = F' r is the residual along orthonormal polynomials F of which nothing lies in the model. No fit
     changes them, so that they are normal with the covariance F' C F (restricted likelihood). C is white
-    as far as the residual reaches, white along the polynomials only, or a spectrum of `_spectra` with
-    white noise below it, alike in all directions, all with equal odds; or a lay (`_LAY`). With the scale
-    of each integrated out, the residual gives every C a weight and every parameter a Student distribution.
-    u is such that the mixture of these holds COVERAGE within t(n) u. No parameter gets more than a bound
-    by energy (`_bound`); the flag says that it was at work.
+    as far as the residual reaches, a short correlation or a spectrum of `_spectra`, both with white noise
+    below them, alike in all directions, all with equal odds; or a lay (`_LAY`). With the scale of each
+    integrated out, the residual gives every C a weight and every parameter a Student distribution. u is
+    such that the mixture of these holds COVERAGE within t(n) u. No parameter gets more than a bound by
+    energy (`_bound`).
     """
     Q, R, r = _factors(J, r)
     N, p = Q.shape
@@ -431,12 +470,15 @@ def _next_to_the_model(
     n = F.shape[1]
     t = F.T @ r
     if n == 0 or not float(t @ t) > _ROUNDING**2 * N:  # it says nothing
-        return white * (size**2 * float(r @ r) / (N - p)), n, False
+        return _Beside(white * (size**2 * float(r @ r) / (N - p)), n, Q, False)
     last = top if is_line else top + _BEYOND[-1]
     found = _white(t, float(r @ r), N - p, white)
+    if not is_line:  # short correlations have spectra
+        found = found[-1:]
     B = np.column_stack([Q, F, r])
     f, G, across = _waves(x, y, B, last, angle=0.0 if is_line else None)
-    found += _coloured(f, G, t, inverse, *_spectra(f))
+    found += _coloured(f, G, t, inverse, *(_spectra(f) if is_line else _with_short(f)))
+    alike = len(found)
     if not is_line:
         f, G, _ = _waves(x, y, B, last, angle=across)
         S, odds = _spectra(f, n_smooth=16)
@@ -455,7 +497,9 @@ def _next_to_the_model(
     most = _bound(np.diag(R @ mean @ R.T) * wider, order, s2, float(r @ r))
     held = np.minimum(u, np.sqrt(np.square(inverse) @ most))
     scale = size * held / np.sqrt(np.diag(mean))
-    return mean * np.outer(scale, scale), n, bool((held < u)[1:].any())
+    # a lay is seldom as straight and as long as its spectrum has it
+    is_known = not np.isnan(order).any() and bool(weights[kept < alike].sum() > 0.5)
+    return _Beside(mean * np.outer(scale, scale), n, Q, is_known, bool((held < u)[1:].any()))
 
 
 def _white(
@@ -494,16 +538,17 @@ def _coloured(
     n, p = t.size, inverse.shape[0]
     own, beside = G[:, :p, :p], G[:, p : p + n, p : p + n]
     S = S / (S @ np.trace(beside, axis1=1, axis2=2) / n)[:, None]
-    volume, left = _over_noise(np.tensordot(S, beside, 1), t)
+    grams = S @ beside.reshape(S.shape[1], -1)
+    volume, left = _over_noise(grams.reshape(-1, n, n), t)
     logs = -0.5 * volume - 0.5 * n * np.log(left)
     logs += np.log(odds / _NOISE.size)[:, None]
     white = inverse @ inverse.T
     kept = np.argwhere(logs > logs.max() + np.log(_RARE))
-    shapes = {c: inverse @ np.tensordot(S[c], own, 1) @ inverse.T for c in np.unique(kept[:, 0])}
-    return [
-        (float(logs[c, k]), float(n), (shapes[c] + _NOISE[k] * white) * (left[c, k] / n))
-        for c, k in kept
-    ]
+    c, k = kept.T
+    used, at = np.unique(c, return_inverse=True)
+    shapes = inverse @ (S[used] @ own.reshape(S.shape[1], -1)).reshape(-1, p, p) @ inverse.T
+    covs = (shapes[at] + _NOISE[k, None, None] * white) * (left[c, k] / n)[:, None, None]
+    return [(float(log), float(n), cov) for log, cov in zip(logs[c, k], covs, strict=True)]
 
 
 def _over_noise(C: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -671,7 +716,7 @@ def _decade(span: float) -> int:
     return int(np.ceil(np.log10(span))) if span > 0.0 else 0
 
 
-def _spectra(f: FloatArray, n_smooth: int = 90) -> tuple[FloatArray, FloatArray]:
+def _spectra(f: FloatArray, n_smooth: int = 45) -> tuple[FloatArray, FloatArray]:
     """Return the spectra that a surface may have, (number, frequencies), and the odds of each.
 
     (1 + 2 (pi l f)^2 / B)^(-B/2), f in periods per width, falls as f^-B from a length l on;
@@ -690,6 +735,20 @@ def _spectra(f: FloatArray, n_smooth: int = 90) -> tuple[FloatArray, FloatArray]
         share = np.where(long, 0.5 / long.sum(), 0.5 / (~long).sum())
         odds.append((share if B < 8.0 else np.full(n, 1.0 / n)) / 6.0)
     return np.concatenate(found), np.concatenate(odds)
+
+
+def _with_short(f: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return `_spectra` and those of texture, nearly white along the polynomials, and the odds of each.
+
+    Texture is smooth or exponential (B = 3), of lengths below those of `_spectra`. It has the odds of a kind.
+    """
+    S, odds = _spectra(f)
+    square = np.square(np.pi * np.geomspace(1 / 64, 1 / 16, 9)[:-1, None] * f)
+    short = np.concatenate(
+        [(1.0 + 2.0 * square / B) ** (-0.5 * B) for B in (3.0, 8.0)] + [np.exp(-square)]
+    )
+    n = len(short)
+    return np.concatenate([S, short]), np.concatenate([odds, np.full(n, 1.0 / n)])
 
 
 def _orders(

@@ -356,13 +356,15 @@ def _polar(
     x: FloatArray, y: FloatArray, *, with_slopes: bool, with_angle: bool
 ) -> dict[str, Dual]:
     r = np.hypot(x, y)
-    theta = {"theta": np.arctan2(y, x)} if with_angle else {}
-    if not with_slopes:
-        return {"r": (r, {}), **{n: (t, {}) for n, t in theta.items()}}
-    safe = np.where(r == 0.0, 1.0, r)
-    c, s = x / safe, y / safe
-    by_angle = {n: (t, {"x": -s / safe, "y": c / safe}) for n, t in theta.items()}
-    return {"r": (r, {"x": c, "y": s}), **by_angle}
+    of_r: dict[str, Value] = {}
+    of_theta: dict[str, Value] = {}
+    if with_slopes:
+        safe = np.where(r == 0.0, 1.0, r)
+        c, s = x / safe, y / safe
+        of_r = {"x": c, "y": s}
+        of_theta = {"x": -s / safe, "y": c / safe} if with_angle else {}
+    found: dict[str, Dual] = {"r": (r, of_r)}
+    return found | {"theta": (np.arctan2(y, x), of_theta)} if with_angle else found
 
 
 def _finite(value: Value, known: NDArray[np.bool_]) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import shlex
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import PurePath
@@ -141,7 +142,8 @@ def read_one(path: str | os.PathLike[str], **options: Any) -> Surface | Profile 
     if (found := runs_in(run_table(obj))) is not None:
         raise SeveralRunsError(path, replace(found, is_own=True))
     raise FormatMismatchError(
-        f"{path}: holds one run; read it with metrosep.read_runs({str(path)!r})"
+        f"{path}: holds one run; read it with metrosep.read_runs({str(path)!r}), or separate it with: "
+        f"metrosep separate {shlex.quote(str(path))}"
     )
 
 

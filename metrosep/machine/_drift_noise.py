@@ -214,12 +214,28 @@ def degrees_of(
     Z: FloatArray, streams: Sequence[Stream], fit: Fit, stated: Sequence[float | None]
 ) -> FloatArray:
     """Return how many readings of each set are left over to know its scale, infinite where it is stated."""
-    found = np.zeros(len(stated))
+    return _degrees(_informed(Z, streams, fit), fit, stated)
+
+
+def _informed(
+    Z: FloatArray, streams: Sequence[Stream], fit: Fit
+) -> list[tuple[int, int, FloatArray]]:
+    """Return of each stream its set, how many readings it has, and ``Z^T V^-1 Z`` over the scale squared."""
+    found = []
     for stream in streams:
         if stream.rows.size:
             solved, _ = inverse_times(Z[stream.rows], stream.index, fit.a, fit.tau)
-            used = np.sum((Z[stream.rows] @ fit.cov) * solved) / fit.scales[stream.which] ** 2
-            found[stream.which] += stream.rows.size - used
+            own = Z[stream.rows].T @ solved / fit.scales[stream.which] ** 2
+            found.append((stream.which, stream.rows.size, own))
+    return found
+
+
+def _degrees(
+    informed: Sequence[tuple[int, int, FloatArray]], fit: Fit, stated: Sequence[float | None]
+) -> FloatArray:
+    found = np.zeros(len(stated))
+    for k, n, own in informed:
+        found[k] += n - np.sum(fit.cov * own)
     return np.where([u is None for u in stated], found, math.inf)
 
 
@@ -233,15 +249,14 @@ def few_readings_covariance(
     """
     from scipy.stats import t as student
 
-    degrees = np.maximum(degrees_of(Z, streams, fit, stated), 1.0)  # of fewer none is defined
+    informed = _informed(Z, streams, fit)
+    degrees = np.maximum(_degrees(informed, fit, stated), 1.0)  # of fewer none is defined
     twice = np.asarray(student.isf(0.5 * math.erfc(math.sqrt(2.0)), degrees))
     raised = (twice / 2.0) ** 2 - 1.0
     added = np.zeros_like(fit.cov)
-    for stream in streams:
-        k = stream.which
-        if stream.rows.size and stated[k] is None:
-            solved, _ = inverse_times(Z[stream.rows], stream.index, fit.a, fit.tau)
-            added += raised[k] / fit.scales[k] ** 2 * (Z[stream.rows].T @ solved)
+    for k, _, own in informed:
+        if stated[k] is None:
+            added += raised[k] * own
     return fit.cov @ added @ fit.cov
 
 

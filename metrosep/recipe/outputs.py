@@ -247,13 +247,14 @@ def _prepared(
         return
     from metrosep.controllers.base import own_part, sidecar_path
     from metrosep.controllers.files import prepare
+    from metrosep.recipe.table_words import in_table_words
 
     for (output, place), target in zip(_tables_of(recipe), targets, strict=True):
         if tell is not None:
             tell(f"dry-running and writing {output['path']}")
         controller = output["controller"]
         typed = recipe.name == COMMAND  # options, which the command line makes of the arguments
-        with contextlib.nullcontext() if typed else _in_its_words(controller):
+        with contextlib.nullcontext() if typed else in_table_words(controller):
             made, runs, folds = carried_of(document, output)
             prepared = prepare(
                 made,
@@ -274,12 +275,6 @@ def _prepared(
         description = {**sidecar.pop("table"), **sidecar, "path": path.name}
         files = (path, sidecar_path(path))
         yield prepared, WrittenTable(description, prepared.verification, files)
-
-
-def _in_its_words(controller: str) -> contextlib.AbstractContextManager[None]:
-    from metrosep.recipe.step_help import in_table_words
-
-    return in_table_words(controller)
 
 
 def active_of(output: Mapping[str, Any], recipe: Recipe) -> str | None:

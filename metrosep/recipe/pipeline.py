@@ -473,12 +473,7 @@ def _filter(obj: Measured, options: Mapping[str, Any]) -> Done:
     shape: Any = result.z.shape
     messages = []
     if options.get("band") == "stop":
-        low, high = options["lambda_s"], options["lambda_c"]
-        left = 1.0 - 2.0 ** (-low / high) * (1.0 - 2.0 ** (-high / low))
-        messages.append(
-            f"filter: of waves of {format_length(math.sqrt(low * high))}, the middle of the band, "
-            f"{100.0 * left:.0f} % is left"
-        )
+        messages.append(_edges_of_band(obj, options))
     if shape != obj.z.shape:
         messages.append(
             f"filter: the ends were cut, {obj.z.size - result.z.size} samples are gone"
@@ -489,6 +484,19 @@ def _filter(obj: Measured, options: Mapping[str, Any]) -> Done:
             "the cut-off and were removed"
         )
     return Done(result, messages=tuple(messages), audit={"left": result.z.size - result.n_invalid})
+
+
+def _edges_of_band(obj: Measured, options: Mapping[str, Any]) -> str:
+    """Return what a filter that takes a band out left, and where."""
+    from metrosep.filters import band_edges
+
+    edges = band_edges(obj, shortest=options["lambda_s"], longest=options["lambda_c"])
+    low, high, shorter, longer = map(format_length, edges)
+    longest = "" if math.isinf(edges.longer) else f" and longer than {longer}"
+    return (
+        f"filter: waves of {low} to {high} were removed, less than 5 % of each is left; waves shorter than "
+        f"{shorter}{longest} keep at least 95 %, those between a part"
+    )
 
 
 def _one_cutoff(obj: Measured, kind: str, options: Mapping[str, Any]) -> Any:

@@ -11,7 +11,7 @@ from metrosep.core.errors import DataError, Example
 from metrosep.core.limits import FORM_OF_SYMBOL
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
-from metrosep.core.readable import did_you_mean
+from metrosep.core.readable import did_you_mean, said_value
 from metrosep.core.regions import SHAPES, check_region
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
@@ -80,7 +80,7 @@ def normal_values(
         choices = key.choices
         if choices and (value not in choices or isinstance(value, bool)):
             known = ", ".join(str(c) for c in choices)
-            raise StepError(f"{name} = {value!r} is not one of {known}", name)
+            raise StepError(f"{name} = {said_value(value)} is not one of {known}", name)
         if name == "centre" and not key.required and key.kind == "any":
             values[name] = _centre(value)
         elif key.inner:
@@ -104,7 +104,7 @@ def _normal(value: Any, key: Option, name: str) -> Any:
     try:
         return checked(replace(key, choices=()), value, "value")
     except DataError as exc:
-        raise StepError(f"{name} = {value!r}: {exc}", name) from None
+        raise StepError(f"{name} = {said_value(value)}: {exc}", name) from None
 
 
 def _centre(value: Any) -> Any:
@@ -112,7 +112,7 @@ def _centre(value: Any) -> Any:
         return "fit"
     if isinstance(value, str) or not isinstance(value, list | tuple) or not 1 <= len(value) <= 2:
         raise StepError(
-            f'centre = {value!r}: "fit", or x and y such as ["5 mm", "5 mm"] are needed here',
+            f'centre = {said_value(value)}: "fit", or x and y such as ["5 mm", "5 mm"] are needed here',
             "centre",
         )
     try:
@@ -153,11 +153,13 @@ def _form_numbers(given: Mapping[str, Any], ideal: Any, key: str) -> dict[str, f
         if name not in units:
             raise StepError(f"{key}: {name} is none of {', '.join(units)}", key)
         if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise StepError(f"{key}: {name} = {value!r} is not a number with a unit", key)
+            raise StepError(
+                f"{key}: {name} = {said_value(value)} is not a number with a unit", key
+            )
         pure = units[name] in ("1", "")
         if not isinstance(value, str) and not pure:
             raise StepError(
-                f'{key}: {name} = {value!r} needs its unit, such as {name} = "{value} mm", or '
+                f'{key}: {name} = {said_value(value)} needs its unit, such as {name} = "{value} mm", or '
                 f'"{value} SI"',
                 key,
             )
@@ -241,18 +243,16 @@ def _check_filter(options: Mapping[str, Any]) -> None:
 
 def _check_stop(kind: str, options: Mapping[str, Any]) -> None:
     if kind != "gaussian":
-        raise StepError('band = "stop" belongs to kind = "gaussian"', "band").hinting(
-            kind="gaussian"
-        )
+        raise StepError(
+            'band = "stop" goes with lambda_s and lambda_c, without a kind', "band"
+        ).hinting(kind="gaussian")
     if not {"lambda_s", "lambda_c"} <= options.keys():
         raise StepError(
             'band = "stop" needs lambda_s and lambda_c, the ends of what is removed', "band"
         )
-    for key in ("profile", "sections", "core_filter", "refilter"):
+    for key in ("profile", "sections", "core_filter", "refilter", "end"):
         if key in options:
             raise StepError(f'{key} does not go with band = "stop"', key).hinting(**{key: None})
-    if options.get("end") == "cut":
-        raise StepError('end = "cut" does not go with band = "stop"', "end").hinting(end="moment")
 
 
 def _check_form(options: Mapping[str, Any]) -> None:
@@ -572,7 +572,7 @@ FILTER: Mapping[str, Option] = {
     "band": Option(
         "text",
         choices=("long", "short", "stop"),
-        help="what stays: waves longer or shorter than cutoff; stop: all but lambda_s to lambda_c (gaussian)",
+        help="what stays: waves longer or shorter than cutoff; stop: all but lambda_s to lambda_c, with sharp edges",
         default="long",
     ),
     "end": Option(
@@ -733,8 +733,8 @@ def iso_filtered(
     core_filter: str = "gaussian",
     stop: bool = False,
 ) -> Any:
-    """Return an object after the S-filter and the L-filter, both Gaussian; or what these take off."""
-    from metrosep.filters import Band, chain, gaussian
+    """Return an object after the S-filter and the L-filter, both Gaussian; or without the waves between."""
+    from metrosep.filters import Band, band_stop, chain, gaussian
 
     if lambda_s is not None and lambda_c is not None and not lambda_s < lambda_c:
         raise DataError(
@@ -744,9 +744,10 @@ def iso_filtered(
         )
     if lambda_s is None and lambda_c is None:
         return obj
+    if stop:
+        return band_stop(obj, shortest=lambda_s or 0.0, longest=lambda_c or 0.0)
     options: dict[str, Any] = {"end": end}
-    if stop or isinstance(obj, Surface):
-        options["stop"] = stop
+    if isinstance(obj, Surface):
         return gaussian(obj, band=Band(shortest=lambda_s, longest=lambda_c), **options)
     if lambda_c is None:
         assert lambda_s is not None  # noqa: S101  # one of them is given

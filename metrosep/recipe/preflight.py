@@ -23,7 +23,7 @@ from metrosep.core.limits import (
     order_problem,
 )
 from metrosep.core.plugins import entries
-from metrosep.core.readable import PREFIXED, typed_number
+from metrosep.core.readable import PREFIXED, said_value, typed_number
 from metrosep.core.units import parse_quantity
 from metrosep.parameters.decision import decide
 from metrosep.recipe.methods.turned import AVERAGED, TurnedRuns
@@ -393,7 +393,9 @@ def machine_limits(output: Mapping[str, Any], place: Place) -> dict[str, Any]:
     plain = ("integer", "number", "text", "flag", "choice", "object")
     for key, value in given.items():
         if dimensions.get(key, "text") not in plain and not isinstance(value, str):
-            raise place.error(f"machine {key} = {value!r} needs a unit, as a text", "machine")
+            raise place.error(
+                f"machine {key} = {said_value(value)} needs a unit, as a text", "machine"
+            )
     try:
         options, limits = split_machine(given, dialect.options, name)
         checked = checked_options(options, dialect.options, name)
@@ -401,7 +403,7 @@ def machine_limits(output: Mapping[str, Any], place: Place) -> dict[str, Any]:
     except DataError as exc:
         text = str(exc)
         if place.file != COMMAND:
-            from metrosep.recipe.step_help import table_words
+            from metrosep.recipe.table_words import table_words
 
             keys = ", ".join(f'{k} = "{v}"' for hint in exc.hints for k, v in hint.items())
             text = table_words(text, name) + (f": write machine = {{ {keys} }}" if keys else "")

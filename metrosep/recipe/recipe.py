@@ -21,7 +21,7 @@ from metrosep.core.errors import (
 from metrosep.core.methods import METHODS, Method
 from metrosep.core.plugins import entries
 from metrosep.core.provenance import freeze_mapping
-from metrosep.core.readable import did_you_mean
+from metrosep.core.readable import did_you_mean, said_value
 from metrosep.recipe.methods.turned import TurnedRuns, turning_axis
 from metrosep.recipe.pipeline import measuring_steps
 from metrosep.recipe.preflight import check_recipe, require_limits
@@ -524,7 +524,7 @@ def several_tables(
         if not isinstance(kind, str) or kind not in kinds:
             known = ", ".join(f'"{k}"' for k in kinds)
             raise place.error(
-                f"{header} needs {selector} = one of {known}, found {kind!r}.{did_you_mean(kind, kinds)}",
+                f"{header} needs {selector} = one of {known}, found {said_value(kind)}.{did_you_mean(kind, kinds)}",
                 selector,
             )
         what = f"{header} {number + 1}" + (f" ({kind})" if kind else "")

@@ -20,7 +20,7 @@ from typing import Any
 from metrosep.core.atomic import RECIPE_BYTES, read_plain_text
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.options import Option, checked, not_one_of, option, options_of
-from metrosep.core.readable import did_you_mean
+from metrosep.core.readable import did_you_mean, said_value
 
 __all__ = [
     "KINDS_OF_REPORT",
@@ -241,7 +241,7 @@ def checked_languages(given: Sequence[str], where: str) -> list[str]:
 def checked_table(data: Any, options: Mapping[str, Option], where: str) -> dict[str, Any]:
     """Return one table with its values in SI; texts are one line, empty ones are omitted."""
     if not isinstance(data, Mapping):
-        raise DataError(f"{where} is a table, found {data!r}")
+        raise DataError(f"{where} is a table, found {said_value(data)}")
     found = {}
     for key, value in data.items():
         if key not in options:
@@ -253,7 +253,7 @@ def checked_table(data: Any, options: Mapping[str, Option], where: str) -> dict[
         except DataError as exc:
             text = str(exc)
             raise DataError(
-                f"{where}: {text if key in text else f'{key} = {value!r}: {text}'}"
+                f"{where}: {text if key in text else f'{key} = {said_value(value)}: {text}'}"
             ) from None
         if isinstance(made, str):
             _require_short(key, made, where)

@@ -14,7 +14,7 @@ from typing import Any
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.methods import Method
 from metrosep.core.options import KINDS, Option, checked, not_one_of
-from metrosep.core.readable import did_you_mean, digits_of, typed_number
+from metrosep.core.readable import did_you_mean, digits_of, said_value, typed_number
 from metrosep.core.text_options import ROW_ORDERS, TEXT_OPTIONS
 from metrosep.core.units import SURROUNDINGS, TYPICAL
 
@@ -150,7 +150,7 @@ def _value(value: Any, field: Field, place: Place, key: str) -> Any:
     try:
         return checked(field, value, "value", bare=False)
     except (DataError, OverflowError) as exc:
-        raise place.error(f"{key} = {value!r}: {exc}", key) from None
+        raise place.error(f"{key} = {said_value(value)}: {exc}", key) from None
 
 
 def blanked_texts(text: str) -> str:

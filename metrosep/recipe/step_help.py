@@ -16,6 +16,7 @@ from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.recipe.pipeline import schema
 from metrosep.recipe.schema import DIMENSIONS, Field, placeholder
 from metrosep.recipe.steps import ALL_STEPS, STEPS, WHAT
+from metrosep.recipe.table_words import ARGUMENT, waived
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
@@ -25,7 +26,6 @@ __all__ = [
     "StepKeys",
     "described_steps",
     "in_recipe_words",
-    "in_table_words",
     "in_words",
     "key_words",
     "keys_of_step",
@@ -33,7 +33,6 @@ __all__ = [
     "reading_words",
     "recipe_words",
     "step_words",
-    "table_words",
 ]
 
 
@@ -83,8 +82,6 @@ _OTHER_ARGUMENT = re.compile(r",? or (?:give |tell it with )?([a-z_]\w*)=(?=[;.,
 """A last way out by an argument, which falls away where the step has no such key."""
 _ALL_THE_SAME = re.compile(r" \(([a-z_]\w*)=\w+ in Python does it all the same\)")
 """A way out that only a step with such a key has."""
-_WAIVED = re.compile(r"say waive='([^']*)'")
-"""A way out that is a key of the output whose file was refused."""
 _SENSITIVITY = re.compile(r"give the sensitivity of the sensor, such as scale='[^']*'")
 _MULTIPLY = (
     "multiply it by the sensitivity of the sensor, and let the header name the unit of length"
@@ -162,57 +159,11 @@ def in_words(message: str, keys: StepKeys, *, command: bool = False) -> str:
                 text = _worded(name, value, unit or "", keys, command=option)
         return found.group() if text is None else text
 
-    message = _of_columns(message if command else _waived(message), keys)
+    message = _of_columns(message if command else waived(message), keys)
     changed = _NAMED.sub(words, message)
     if changed != message:
         changed = re.sub(r"\bset --set ", "give --set ", _SI_AFTER.sub("", changed))
     return readable_text(changed)
-
-
-def _waived(message: str) -> str:
-    def listed(found: re.Match[str]) -> str:
-        return "write waive = [" + ", ".join(f'"{c}"' for c in found[1].split(", ")) + "] there"
-
-    return _WAIVED.sub(listed, message)
-
-
-def table_words(message: str, controller: str) -> str:
-    """Return a message about a table with its arguments as keys of the output and of its machine.
-
-    Examples
-    --------
-    >>> table_words("use direction='both', or give capacity=300", "isg-plane")
-    'use direction = "both", or give capacity = 300 in machine'
-    """
-    from metrosep.controllers.options import LIMIT_NAMES
-    from metrosep.controllers.registry import find
-    from metrosep.recipe.steps import OUTPUTS
-
-    facts = {*LIMIT_NAMES, *(o.name for o in find(controller).options)}
-
-    def key(found: re.Match[str]) -> str:
-        name, value = found.groups()
-        if name not in OUTPUTS["table"] and name not in facts:
-            return found.group()
-        if value is None:
-            return name
-        typed = value.strip("'\"")
-        typed = typed.lower() if typed in ("True", "False") else typed
-        plain = re.fullmatch(rf"true|false|{NUMBER}", typed) and typed == value.lower()
-        where = "" if name in OUTPUTS["table"] else " in machine"
-        return f"{name} = {typed}{where}" if plain else f'{name} = "{typed}"{where}'
-
-    return _ARGUMENT.sub(key, _waived(message))
-
-
-@contextmanager
-def in_table_words(controller: str) -> Iterator[None]:
-    """Let errors about a table name keys of its output."""
-    try:
-        yield
-    except MetrosepError as exc:
-        exc.args = (table_words(str(exc), controller), *exc.args[1:])
-        raise
 
 
 def _of_columns(message: str, keys: StepKeys) -> str:
@@ -362,7 +313,6 @@ _CONVERT = (
     "; what --set names is not a key of [input]: metrosep convert takes it, then run the recipe on the "
     "file that it writes"
 )
-_ARGUMENT = re.compile(r"(?<![\w.\-\"'])([a-z_]+)=(?!=)('[^']*'|\"[^\"]*\"|[-+]?[\w.]*\w)?")
 
 
 def reading_words(message: str, op: str) -> str:
@@ -390,7 +340,7 @@ def reading_words(message: str, op: str) -> str:
         text = "..." if value is None else value.strip("'\"")
         return f'--set "{name}={text}"'
 
-    changed = _ARGUMENT.sub(option, message)
+    changed = ARGUMENT.sub(option, message)
     return changed if changed == message else changed.rstrip(".") + _CONVERT
 
 

@@ -6,7 +6,7 @@ import zlib
 import numpy as np
 
 import metrosep as ms
-from metrosep.batch.thumbs import thumbnail
+from metrosep.batch.work import thumbnail
 from metrosep.core._thumbnails import _table
 from metrosep.recipe import Recipe
 

@@ -62,6 +62,14 @@ def test_a_ring_of_waves_becomes_a_filter(opened: Opened, map_file: Path) -> Non
     settled(page, lambda: page.click("#undo"))
     settled(page, lambda: page.click("#waves2d .fourier-bar button:nth-child(2)"))
     assert Hand(page).data()["step"][1] == {**step, "band": "stop"}
+    assert page.text(".fourier-how").startswith("Hann window, plane removed")
+    white = page.run(
+        "(() => { const c = document.querySelector('#waves2d canvas'), x = c.getContext('2d');"
+        "const many = (...at) => { const d = x.getImageData(...at).data; let n = 0;"
+        "for (let i = 0; i < d.length; i += 4) n += d[i] > 240 && d[i + 1] > 240 && d[i + 2] > 240; return n; };"
+        "return [many(0, c.height - 14, c.width, 14), many(0, 0, 40, c.height)]; })()"
+    )
+    assert min(white) > 15  # numbers at the foot and at the left
     same_bytes(page, map_file)
     assert page.errors == []
 

@@ -420,12 +420,12 @@ CLASSIC = 0.2
 def test_white_noise_is_worth_what_the_textbook_says():
     """By chance a few polynomials of a white map rise: that made u three times as large on one of ten.
 
-    One of these six has two of them so high that a weak waviness is as likely.
+    Two of these twenty have some of them so high that a weak waviness is as likely.
     """
     x = np.arange(48) - 23.5
     outside = np.hypot(x[:, None], x) > 24
     ratios = []
-    for seed in range(6):
+    for seed in range(20):
         z = NM * np.random.default_rng(seed).standard_normal((48, 48))
         z[outside] = np.nan
         found = ms.forms.fit(ms.Surface(z, 1e-4, 1e-4), ms.forms.Plane())
@@ -433,7 +433,7 @@ def test_white_noise_is_worth_what_the_textbook_says():
         ratios.append([k * found.u[name] / found.u_white[name] for name in found.u_white])
     least, most = np.min(ratios), np.sort(np.max(ratios, axis=1))
     assert least > 1.0 - CLASSIC
-    assert most[-2] < 1.0 + 0.25 * CLASSIC
+    assert most[-3] < 1.0 + 0.25 * CLASSIC
     assert most[-1] < 1.6
 
 

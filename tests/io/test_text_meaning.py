@@ -492,7 +492,7 @@ def test_the_call_that_separates_runs_works_as_it_is_printed(put, capsys, comman
         return
 
     code_of(*shlex.split(call.group(1)), "--feed", "90 mm/min", "--method", "mean")
-    assert "ErrorEstimate(mean" in capsys.readouterr().err
+    assert "error mean, " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

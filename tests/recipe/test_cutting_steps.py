@@ -14,6 +14,8 @@ import pytest
 
 from metrosep.cli.main import main
 
+pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CUT, STAGE = EXAMPLES / "cut_budget", EXAMPLES / "stage_hysteresis"
 NM, UM, MM = 1e-9, 1e-6, 1e-3

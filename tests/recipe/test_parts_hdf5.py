@@ -15,6 +15,8 @@ from metrosep.core.errors import RecipeError, WriteError
 from metrosep.io.containers.native import table_bytes
 from metrosep.separation import machine_axis
 
+pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
+
 NM = 1e-9
 ROUNDING = 1e-17
 """m: heights of 100 nm in double precision, a few steps of arithmetic."""

@@ -11,6 +11,8 @@ from metrosep.cli.main import main
 from metrosep.core.errors import DataError, LimitError, MetrosepError
 from metrosep.recipe import Recipe
 
+pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
+
 STEP = """metrosep = 1
 [[step]]
 op = "predict"
@@ -32,6 +34,9 @@ path = "part.nc"
 c_positive = "workpiece ccw"
 inverse_time = "1/min"
 """
+
+RING = STEP.replace('core = "1.1 mm"', 'core = "1.34 mm"')
+"""A few turns only."""
 
 
 def run(text, folder):
@@ -72,14 +77,14 @@ def test_a_file_appears_with_what_its_part_is(tmp_path):
     ],
 )  # fmt: skip
 def test_what_is_missing_is_refused_and_nothing_is_written(tmp_path, old, new, error, match):
-    assert old in STEP + OUTPUT
+    assert old in RING + OUTPUT
     with pytest.raises(error, match=match):
-        run((STEP + OUTPUT).replace(old, new, 1), tmp_path)
+        run((RING + OUTPUT).replace(old, new, 1), tmp_path)
     assert not (tmp_path / "out" / "part.nc").exists()
 
 
 def test_both_axes_follow_where_it_is_asked(tmp_path):
-    made = run((STEP + OUTPUT).replace("rpm = 60\n", 'rpm = 60\nservo = "XZ"\n'), tmp_path)
+    made = run((RING + OUTPUT).replace("rpm = 60\n", 'rpm = 60\nservo = "XZ"\n'), tmp_path)
     rho = np.hypot(made.produced.program.X, 0)
     assert np.abs(np.diff(rho, 2)).max() > 1e-9  # X is no straight line
 
@@ -89,7 +94,7 @@ def test_a_plan_names_the_limit_that_binds_and_rejects_what_exceeds_it(tmp_path,
     """The tip follows 2.5 um at 60 rpm: 0.3 mm/s of Z are enough, 0.03 mm/s are not."""
     for limit, verdict in (("3 mm/s", "accept"), ("0.03 mm/s", "reject")):
         words = f'rpm = 60\nservo = "{servo}"\nz_limits = ["{limit}"]\n'
-        text = STEP.replace("rpm = 60\n", words).replace(
+        text = RING.replace("rpm = 60\n", words).replace(
             'angle_step = "2 deg"', 'tolerance = "50 nm"'
         )
         made = Recipe.parse(text, folder=tmp_path).run(out=tmp_path / verdict)
@@ -99,7 +104,7 @@ def test_a_plan_names_the_limit_that_binds_and_rejects_what_exceeds_it(tmp_path,
 
 
 def test_the_command_says_what_the_part_is(tmp_path, capsys):
-    (tmp_path / "job.toml").write_text(STEP + OUTPUT)
+    (tmp_path / "job.toml").write_text(RING + OUTPUT)
     with pytest.raises(SystemExit) as end:
         main(["predict", str(tmp_path / "job.toml"), "-o", str(tmp_path / "made")])
     assert end.value.code == 0
@@ -134,7 +139,7 @@ def test_the_example_makes_up_for_the_tool_as_it_stands(repository, tmp_path):
 
 def test_a_program_that_cannot_be_written_is_refused_before_it_is_to_be_written(tmp_path):
     """The page runs a recipe without a folder: it must not accept what `metrosep run` refuses."""
-    refused = (STEP + OUTPUT).replace('path = "part.nc"', 'path = "part.nc"\ntolerance = "1 nm"')
+    refused = (RING + OUTPUT).replace('path = "part.nc"', 'path = "part.nc"\ntolerance = "1 nm"')
     with pytest.raises(LimitError, match="nothing was written") as found:
         Recipe.parse(refused, folder=tmp_path).run(None)
     assert str(found.value).startswith("part.nc")  # the folder in which it was tried is of no use
@@ -184,10 +189,6 @@ def recipe_heights(rho, phi):
     """Return the form of `STEP` along a course."""
     x, y = rho * np.cos(phi), rho * np.sin(phi)
     return 9 * x**2 + 14 * y**2 + 3 * x * y + 6e-3 * x + 2e-6 * np.sin(2 * np.pi * y / 9e-4)
-
-
-RING = STEP.replace('core = "1.1 mm"', 'core = "1.34 mm"')
-"""A few turns only."""
 
 
 def words_of(file):

@@ -12,6 +12,8 @@ from metrosep.cli.main import main
 from metrosep.errors import MetrosepError, RecipeError
 from metrosep.recipe import Recipe
 
+pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
+
 STEP = 5
 """deg between the entries."""
 

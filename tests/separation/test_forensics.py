@@ -529,6 +529,37 @@ def test_a_method_in_space_says_that_the_readings_lag(method, seed, lag, verb):
     assert abs(found - 1e3 * abs(lag)) < 4.0 * u < 0.4 * found * 4.0
 
 
+PLACES = (0.31, -0.22, 0.14, -0.35, 0.27, 0.05, -0.18, 0.33, -0.29)  # mm, of nine runs
+
+
+@pytest.mark.parametrize("method", ["mean", "kono"])
+def test_a_method_in_space_says_that_all_runs_lie_apart(method):
+    def displaced(axis):
+        for run, by in enumerate(PLACES):
+            axis.displace(run, by)
+
+    messages = separate(spoilt(displaced), method=method).messages
+    (said,) = (m for m in messages if m.startswith("the runs lie apart along the axis"))
+    sd, held = (
+        float(v) for v in re.search(r"own, ([\d.]+) um .* ([\d.]+) mm lose", said).groups()
+    )
+
+    # three places at each feedrate have six degrees of freedom: a size known to a third
+    of_feeds = np.sqrt(np.mean(np.var(np.reshape(PLACES, (3, 3)), axis=1, ddof=1)))
+    assert sd == pytest.approx(1e3 * of_feeds, abs=1e3 * of_feeds / 3.0)
+    # a wave of 2 pi sd / sqrt(2 ln(1/0.9)) keeps 0.9 of its amplitude in the mean; two digits
+    assert held == pytest.approx(2e-3 * np.pi * sd / np.sqrt(2.0 * np.log(1.0 / 0.9)), abs=0.1)
+
+
+def test_places_that_scatter_at_one_feedrate_are_a_vibration():
+    def displaced(axis):
+        for run in (3, 4, 5):
+            axis.displace(run, 0.4 * PLACES[run])
+
+    messages = separate(spoilt(displaced), method="mean").messages
+    assert not any("lie apart" in m for m in messages)
+
+
 # --- results that contradict themselves ----------------------------------------------------------
 
 

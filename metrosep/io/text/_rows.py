@@ -295,7 +295,7 @@ class Body:
         columns = self._fast(text, n_lines, n_marks, first)
         if columns is None:
             return None
-        self._take_whole(ends_empty=self._labels[-1] and _has_empty(columns[-1]))
+        self._take_whole(ends_empty=self._unworded is not None and _has_empty(columns[-1]))
         self.line += n_lines
         self.ledger.count("data", n_lines)
         self.last_row = text[text.rfind("\n", 0, len(text) - 1) + 1 :]

@@ -12,6 +12,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from metrosep.core.errors import (
@@ -511,7 +512,8 @@ def find_layout(
         else:  # every line is one field, whichever mark is in none of them
             if point not in whole:
                 whole[point] = _fit(sample, len(head), dialect, labelled, options.missing or ())
-            found = whole[point] and whole[point]._replace(dialect=dialect)
+            found = whole[point]
+            found = None if found is None else found._replace(dialect=dialect)
         if found is not None:
             fits.append(found)
     if not fits:
@@ -585,12 +587,12 @@ def _fit(
     """Return the rows of a sample under a dialect: the commonest number of fields makes the table."""
     with_groups = dialect if dialect.thousands else replace(dialect, thousands=dialect.other_mark)
     head = dialect.split(sample[:n_head])
-    known = {f: _kind(f, dialect, with_groups) for f in {f for row in head for f in row}}
+    known = _kinds_of({f for row in head for f in row}, dialect, with_groups)
     if not any(_is_numbered(k) for k in _kinds(head, known, labelled)):
         return None  # no row among the first lines, whatever the others are
     split = [*head, *dialect.split(sample[n_head:])]
     more = {f for row in split[n_head:] for f in row} - known.keys()
-    known |= {f: _kind(f, dialect, with_groups) for f in more}
+    known |= _kinds_of(more, dialect, with_groups)
     if not any(_shows_mark(f, dialect) for f in known):
         known |= {f: "odd" for f, k in known.items() if k == "grouped"}
     kinds = _kinds(split, known, labelled)
@@ -699,6 +701,24 @@ def _kinds(
     """Return what each field is, of fields that are known."""
     found = [[known[f] for f in row] for row in split]
     return [["label", *own[1:]] for own in found] if labelled else found
+
+
+def _kinds_of(fields: set[str], dialect: Dialect, grouped: Dialect) -> dict[str, str]:
+    """Return the kind of each field; one that repeats is looked at once, also when the file is recognised again."""
+    kinds = _known_kinds(dialect, grouped)
+    if len(kinds) > _MOST_KNOWN:  # emptied by nobody: another thread may hold it
+        _known_kinds.cache_clear()
+        kinds = _known_kinds(dialect, grouped)
+    return {f: kinds.get(f) or kinds.setdefault(f, _kind(f, dialect, grouped)) for f in fields}
+
+
+@lru_cache(maxsize=64)
+def _known_kinds(dialect: Dialect, grouped: Dialect) -> dict[str, str]:
+    """Return the kinds of the fields that were looked at under a dialect; `_kinds_of` fills it."""
+    return {}
+
+
+_MOST_KNOWN = 10_000
 
 
 def _is_numbered(kinds: Sequence[str]) -> bool:

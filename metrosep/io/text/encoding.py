@@ -13,7 +13,18 @@ from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.units import FOREIGN_SPELLINGS
 from metrosep.io.source import HEAD_BYTES, RawFile
 
-__all__ = ["ROLE_WORDS", "Role", "decode", "encoding_of", "head_text", "plain_ends", "zero_byte"]
+__all__ = [
+    "ROLE_WORDS",
+    "Role",
+    "decode",
+    "encoding_of",
+    "encoding_of_head",
+    "head_text",
+    "lines_before",
+    "plain_ends",
+    "refuse_zero_bytes",
+    "zero_byte",
+]
 
 Role: TypeAlias = Literal[
     "position", "height", "time", "feed", "run", "direction", "angle", "temperature", "index"
@@ -129,6 +140,24 @@ def zero_byte(data: bytes, above: int = 0) -> str:
 _LF = b"\n"
 _TWO_BYTES = re.compile(rb"(?:[^\0]\0){3}|(?:\0[^\0]){3}")
 """Characters of UTF-16, of which every second byte may be 0."""
+
+
+def refuse_zero_bytes(file: RawFile, part: bytes, start: int) -> None:
+    """Refuse a part of a text, from a byte of the file on, that holds a byte of value 0."""
+    if b"\0" in part:
+        raise _binary(file.path, part, lines_before(file, start, _LF))
+
+
+def lines_before(file: RawFile, end: int, mark: bytes) -> int:
+    """Return how many lines end before a byte of a file."""
+    with file.stream() as handle:
+        parts = iter(lambda: handle.read(min(2**20, end - handle.tell())), b"")
+        return sum(part.count(mark) for part in parts)
+
+
+def encoding_of_head(file: RawFile) -> str:
+    """Return the encoding of the head of a file; nothing else decides where all of the text is ASCII."""
+    return _encoding(file.head)
 
 
 def encoding_of(file: RawFile, size: int) -> str:

@@ -6,7 +6,6 @@ Shared by plain column text and by the text formats that a ``format.toml`` descr
 from __future__ import annotations
 
 import itertools
-import operator
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -197,9 +196,9 @@ def _rows_of(
     file: RawFile, table: Table, channel: str | None
 ) -> tuple[Table, str | None, dict[str, str]]:
     """Return the rows of one label, and the labels that all its rows share."""
-    stacked = [c for c in table.columns if c.labels is not None and len(set(c.labels)) > 1]
-    for column in stacked:
-        if channel is not None and channel in (column.labels or ()):
+    labelled = [c for c in table.columns if c.labels is not None] if channel is not None else []
+    for column in labelled:
+        if channel in (column.labels or ()) and len(set(column.labels or ())) > 1:
             keep = np.array([label == channel for label in column.labels or ()])
             table, channel = _take(table, keep), None
             break
@@ -210,7 +209,7 @@ def _rows_of(
         different = tuple(dict.fromkeys(column.labels))
         if len(different) == 1:
             shared[column.name] = different[0]
-        elif _is_stacked(column.labels, different) and len(table.numbers) == 2:
+        elif len(table.numbers) == 2 and _is_stacked(column.labels, different):
             found = runs_in(table)
             if found is not None and found.run == column.name:
                 raise SeveralRunsError(file.path, found)
@@ -245,9 +244,9 @@ def _is_stacked(labels: Sequence[str], different: tuple[str, ...]) -> bool:
 
     Neither does a name for every row, nor one beside empty cells.
     """
-    changes = sum(map(operator.ne, labels, itertools.islice(labels, 1, None)))
     named = sum(map(bool, different))
-    return named > 1 and 2 * len(different) <= len(labels) and changes == len(different) - 1
+    parts = itertools.islice(itertools.groupby(labels), len(different), None)
+    return named > 1 and 2 * len(different) <= len(labels) and next(parts, None) is None
 
 
 def _take(table: Table, keep: Any) -> Table:

@@ -47,7 +47,14 @@ from metrosep.io.text.dialect import (
     refuse_long,
     unmeasured_rows,
 )
-from metrosep.io.text.encoding import decode, encoding_of, plain_ends
+from metrosep.io.text.encoding import (
+    decode,
+    encoding_of,
+    encoding_of_head,
+    lines_before,
+    plain_ends,
+    refuse_zero_bytes,
+)
 from metrosep.io.text.lines import (
     Ledger,
     are_numbered_rows,
@@ -393,7 +400,8 @@ class TextTable:
         options = replace(options, sheet=None, **file.written)
         self.file = self._file = file
         whole = file.size <= _BLOCK
-        self._encoding = options.encoding or ("" if whole else encoding_of(file, _BLOCK))
+        self._encoding = options.encoding or ("" if whole else encoding_of_head(file))
+        self._decided = bool(options.encoding)  # else the first text beyond ASCII decides
         self._text: str | None = None
         if whole or re.match("utf.?(16|32)", self._encoding, re.IGNORECASE):
             text, self._encoding = decode(file.data, file.path, options.encoding)
@@ -403,15 +411,23 @@ class TextTable:
         with file.stream() as handle:
             raw = handle.read(_BLOCK)
             file.demand_bytes(len(raw) + max(file.size - _BLOCK, 0))
+            self._decide(raw)
             top = _plain(file, raw[: raw.rfind(_end_of(raw)) + 1], self._encoding, 0)
             self._first_part = top[:_FIRST_PART]
             top = unframed(top, self._first_part)
             further: list[str] = []
             for k in range(1, _PLACES + 1):
                 handle.seek(max(file.size - _PLACE, 0) * k // _PLACES)
-                part = plain_ends(handle.read(_PLACE).decode(self._encoding, "replace"))
+                raw = handle.read(_PLACE)
+                self._decide(raw)
+                part = plain_ends(raw.decode(self._encoding, "replace"))
                 further += _usable(unframed(part, self._first_part), options)
         self.head = TableHead(file, top, self._encoding, options, further)
+
+    def _decide(self, raw: bytes) -> None:
+        """Decide the encoding of the whole text at the first bytes that are not ASCII, which all encodings share."""
+        if not self._decided and not raw.isascii():
+            self._encoding, self._decided = encoding_of(self._file, _BLOCK), True
 
     def rows(self) -> Block:
         """Return all rows; a column that begins with empty fields is one of words where words follow, and no number."""
@@ -518,6 +534,10 @@ class TextTable:
                     raise FormatMismatchError(
                         f"{self._file.path}: holds a line longer than {_BLOCK} bytes: not a table"
                     )
+                if not self._decided:
+                    self._decide(raw)
+                    refuse_zero_bytes(self._file, raw, n_bytes)
+                    self.head.facts["encoding"] = self._encoding
                 part = _plain(self._file, raw, self._encoding, n_bytes)
                 yield unframed(part, self._first_part), not follows
                 n_bytes += len(raw)
@@ -539,10 +559,7 @@ def _plain(file: RawFile, raw: bytes, encoding: str, start: int) -> str:
         return plain_ends(raw.decode(encoding))
     except (UnicodeDecodeError, LookupError) as exc:
         odd = start + (exc.start if isinstance(exc, UnicodeDecodeError) else 0)
-        mark = _end_of(file.head)
-        with file.stream() as handle:
-            parts = iter(lambda: handle.read(min(_BLOCK, odd - handle.tell())), b"")
-            at = 1 + sum(p.count(mark) for p in parts)
+        at = 1 + lines_before(file, odd, _end_of(file.head))
         raise file.corrupt(f"is not {encoding} text", field=f"line {at}") from None
 
 

@@ -28,10 +28,11 @@ from metrosep.separation.runs.base import (
 )
 from metrosep.separation.runs.design import evaluation_range, probe_names
 from metrosep.separation.runs.displaced import DISPLACED
-from metrosep.separation.runs.evidence import said_lag
+from metrosep.separation.runs.evidence import SURELY, lost_below, said_apart, said_lag
 from metrosep.separation.runs.forensics import Named, RunChecks, check_runs
 from metrosep.separation.runs.fourier import separate_kono
 from metrosep.separation.runs.joint import DRIFT_SAID, GAIN_SAID, separate_joint
+from metrosep.separation.runs.leave_out import scatter_of_places
 from metrosep.separation.runs.mean import level_in_the_middle, separate_mean
 from metrosep.separation.runs.options import RUN_OPTIONS, in_si, metres
 
@@ -310,6 +311,7 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
         )
     if estimate.method != "joint":
         messages += [_lag_sentence(estimate, runs, lag, u) for lag, u in checks.lag.values()]
+        messages += _apart_sentences(estimate.method, checks, runs, used)
     parts, audit = dict(estimate.directions_data), dict(estimate.audit)
     if checks.step > 0.0:
         audit["reading_step_nm"] = checks.step * 1e9
@@ -358,6 +360,39 @@ def _with_scores(
                 out[key][i] = value
             elif value and not out["finding"][i]:
                 out["finding"][i] = value
+    return out
+
+
+def _apart_sentences(method: str, checks: RunChecks, runs: RunSet, used: list[int]) -> list[str]:
+    """Say by how much the places of the runs scatter, to a method that takes them as they are.
+
+    What belongs to the runs shows at every feedrate; a vibration at a wavelength of the error shifts
+    the runs of one. So the chance is the least of those with one feedrate left out.
+    """
+    table = checks.columns
+    shift = np.array([table["shift_mm"][i] for i in used]) * 1e-3
+    variance = (np.array([table["u_shift_mm"][i] for i in used]) * 1e-3) ** 2
+    named = np.array([bool(table["finding"][i]) for i in used])
+    known = np.isfinite(shift) & np.isfinite(variance) & ~named
+    ways = np.array([run.direction for run in runs])
+    number = {id(run): i for i, (_, own) in enumerate(runs.by_feed()) for run in own}
+    feeds = np.array([number.get(id(run), -1) for run in runs])
+    out = []
+    for way in runs.directions:
+        own = known & (ways == way)
+        if own.sum() < 3:
+            continue
+        parts = shift[own], variance[own], np.zeros(int(own.sum())), feeds[own]
+        left_out = np.unique(parts[3])
+        chances = [scatter_of_places(*parts, parts[3] != f).probability for f in left_out]
+        found = scatter_of_places(*parts, np.ones(int(own.sum()), dtype=bool))
+        if left_out.size > 1 and min(chances) >= SURELY:
+            out.append(
+                f"{said_apart(found.sd)}: method={method!r} averages them where they are, and waves "
+                f"shorter than {format_length(lost_below(found.sd), digits=2)} lose more than a tenth; "
+                "method='joint' with position_offsets=true (command line: --method joint --set "
+                "position_offsets=true) fits the place of each run"
+            )
     return out
 
 

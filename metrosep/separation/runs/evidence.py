@@ -608,7 +608,7 @@ def said_lag(lag_ms: float, digits: str = ".3g") -> str:
     return f"{way} the position by {abs(lag_ms):{digits}} ms"
 
 
-_SURELY = 0.99
+SURELY = 0.99
 """Probability from which it is reported that the runs are displaced."""
 
 _LOST = 0.1
@@ -618,10 +618,9 @@ _LOST = 0.1
 def explain_displacement(solution: Solution) -> tuple[str, ...]:
     """Say by how much the places of the runs scatter, where they do, and which waves it takes."""
     found = solution.displaced
-    if found.probability < _SURELY:
+    if found.probability < SURELY:
         return ()
-    # The mean of cos(2 pi (x - d)/l) over d of N(0, sd^2) is exp(-(2 pi sd / l)^2 / 2) of the wave.
-    held = 2.0 * math.pi * found.sd / math.sqrt(-2.0 * math.log1p(-_LOST))
+    held = lost_below(found.sd)
     only = ""
     if held > solution.period / solution.n_harmonics:
         only = (
@@ -630,11 +629,24 @@ def explain_displacement(solution: Solution) -> tuple[str, ...]:
         )
     return (
         (
-            f"the runs lie apart along the axis, each by its own, {format_length(found.sd, digits=2)} (sd): "
-            f"the uncertainty holds it{only}, and a lag is less well known; position_offsets=true (command "
-            "line: --set position_offsets=true) fits the place of each run"
+            f"{said_apart(found.sd)}: the uncertainty holds it{only}, and a lag is less well known; "
+            "position_offsets=true (command line: --set position_offsets=true) fits the place of each "
+            "run"
         ),
     )
+
+
+def said_apart(sd: float) -> str:
+    """Return how a scatter of the places of the runs is said."""
+    return (
+        f"the runs lie apart along the axis, each by its own, {format_length(sd, digits=2)} (sd)"
+    )
+
+
+def lost_below(sd: float) -> float:
+    """Return the wavelength below which the mean of displaced runs loses more than a tenth."""
+    # The mean of cos(2 pi (x - d)/l) over d of N(0, sd^2) is exp(-(2 pi sd / l)^2 / 2) of the wave.
+    return 2.0 * math.pi * sd / math.sqrt(-2.0 * math.log1p(-_LOST))
 
 
 def explain_slip(solution: Solution, *, sparse: bool, placed: bool) -> tuple[str, ...]:

@@ -12,14 +12,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import BoolArray, FloatArray, IntArray
 from metrosep.core.units import format_length
 from metrosep.separation.runs.displaced import DISPLACED
 from metrosep.separation.runs.geometry import filtered
 from metrosep.separation.runs.posterior import PLACED, Model, Posterior, RunEquations
 from metrosep.separation.runs.sensor import LAG_CHI2, lag_score, lag_steps
 
-__all__ = ["Displacement", "RunScore", "displacement", "run_scores", "suspicion"]
+__all__ = [
+    "Displacement",
+    "RunScore",
+    "displacement",
+    "run_scores",
+    "scatter_of_places",
+    "suspicion",
+]
 
 _FAR = 3e-3
 """m; shifts are looked for so far on each side."""
@@ -109,20 +116,29 @@ def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
     """
     if not scores:
         return Displacement()
-    shift = np.array([s.shift for s in scores])
-    variance = np.array([s.u_shift for s in scores]) ** 2
-    speed = np.array([run.velocity for run in model.runs])
-    feed = np.array([run.feed for run in model.runs])
     # One run that is far off, or of another sign or gain, is named for it: its place is no scatter of all.
     kept = np.ones(len(scores), dtype=bool)
     odd = suspicion(scores)
     if odd is not None:
         kept[odd[0]] = False
+    return scatter_of_places(
+        np.array([s.shift for s in scores]),
+        np.array([s.u_shift for s in scores]) ** 2,
+        np.array([run.velocity for run in model.runs]),
+        np.array([run.feed for run in model.runs]),
+        kept,
+    )
+
+
+def scatter_of_places(
+    shift: FloatArray, variance: FloatArray, speed: FloatArray, feed: IntArray, kept: BoolArray
+) -> Displacement:
+    """Return the displacement that shifts of runs show, m and m^2; of all runs, from those kept."""
     groups = [kept & (feed == f) for f in np.unique(feed) if (kept & (feed == f)).sum() > 1]
     if not groups:
         return Displacement()
     # A run that is displaced moves what it is held against, the others: by 1/(n - 1) of it.
-    seen = len(scores) / (len(scores) - 1.0)
+    seen = shift.size / (shift.size - 1.0)
     sizes = np.append(0.0, _sizes([(shift[own], variance[own]) for own in groups]))
     size2 = (seen * sizes[:, None]) ** 2
     logs = np.zeros(sizes.size)
