@@ -646,7 +646,9 @@ class PictureAnswers:
                 columns=message.get("columns") or 1000,
             )
             arrays |= profile_arrays(view, f"{name}_")
-        return {"is_preview": outcome.is_preview, "failed": outcome.failed}, arrays
+        whole = [float(outcome.source.x[0]), float(outcome.source.x[-1])]
+        header = {"is_preview": outcome.is_preview, "failed": outcome.failed}
+        return {**header, "extent": message.get("window") or whole}, arrays
 
     def spectrum(self, message: Message, cancel: Cancel) -> Answer:
         """Answer a request ``spectrum``."""

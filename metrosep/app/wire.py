@@ -136,6 +136,8 @@ _PAIR = re.compile(
     r"\b([a-z]\w*) ?= ?(?:\"([^\"]*)\"|'([^']*)'|(-?\d[\w.+-]*|true|false))(?: in \[\w+\]| here\b| there\b)?"
 )
 _NAMED = re.compile(r"\b([a-z]\w*)=(?=[\s,;.)]|$)")
+_TURNS = re.compile("[\u202a-\u202e\u2066-\u2069]")
+"""What turns the direction of letters: in the name of a file it would turn the sentence."""
 _LINE = re.compile(r"(?:^|(?<= ))[^\s:]+\.toml:\d+: ")
 
 
@@ -157,7 +159,7 @@ def page_words(message: str) -> str:
         value = next(v for v in found.groups()[1:] if v is not None)
         return f"{_field(found[1])} {'' if '...' in value else value}".rstrip()
 
-    text = _SWITCH.sub(switched, _LINE.sub("", message))
+    text = _SWITCH.sub(switched, _LINE.sub("", _TURNS.sub("\ufffd", message)))
     return _NAMED.sub(lambda m: _field(m[1]), _PAIR.sub(pair, text))
 
 
