@@ -646,7 +646,7 @@ class PictureAnswers:
                 columns=message.get("columns") or 1000,
             )
             arrays |= profile_arrays(view, f"{name}_")
-        whole = [float(outcome.source.x[0]), float(outcome.source.x[-1])]
+        whole = [float(obj.x[0]), float(obj.x[-1])]
         header = {"is_preview": outcome.is_preview, "failed": outcome.failed}
         return {**header, "extent": message.get("window") or whole}, arrays
 
