@@ -505,7 +505,8 @@ class Places:
         """Return a file inside the opened folders, as is all that may be read beside it."""
         found = self.require_inside(path)
         if not found.is_file():
-            raise ReadError(f"{path}: there is no such file")
+            other = "this is not a regular file" if found.exists() else "there is no such file"
+            raise ReadError(f"{path}: {other}")
         self.require_own(_beside(found))
         return found
 

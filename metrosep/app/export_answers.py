@@ -36,6 +36,10 @@ def export(session: Session, message: Message, cancel: Cancel, tell: Tell) -> An
     what, path = message.get("what"), text_of(message, "path")
     if what == "recipe":
         target = session.target(path, recipe=True)
+        if target.suffix.lower() != ".toml":  # onto a measurement, it would be gone
+            raise DataError(
+                f"{target.name}: the name of a recipe ends in .toml; choose another name"
+            )
         if target.exists() and not message.get("overwrite"):
             raise DataError(f"{target.name}: exists already; choose another name or overwrite it")
         lasting = not any(session.places.is_upload(f) for f in opened.files)

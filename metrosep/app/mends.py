@@ -59,8 +59,9 @@ def mends_of_refusal(document: RecipeDocument, error: MetrosepError) -> list[dic
         found = []
         if table is not None and table[0] == "[[check]]":
             removed = {"path": ["check", table[1]], "new": None}
-            found = [{"label": "Remove this limit", "edits": [removed], "ask": None}]
-    return _with_old(document, [m for m in found if _works(document, m["edits"])])
+            remove = {"label": "Remove this limit", "edits": [removed], "ask": None}
+            found = [*_offered(document, error.hints, [["check", table[1]]]), remove]
+    return _with_old(document, [m for m in found if m["ask"] or _works(document, m["edits"])])
 
 
 def mends_of_table(
@@ -128,14 +129,16 @@ def _mend(hint: Mapping[str, Any], places: Sequence[Sequence[Any]]) -> dict[str,
     if isinstance(value, Example):
         ask = {"label": names[0], "hint": f"such as {value}"}
         return {"label": f"Give the {names[0]}\u2026", "edits": edits, "ask": ask}
-    said = ", ".join(f"{k} = {_shown(v)}" for k, v in zip(names, hint.values(), strict=True))
+    if len(hint) == 1 and isinstance(value, bool):
+        return {
+            "label": f"Switch {names[0]} {'on' if value else 'off'}",
+            "edits": edits,
+            "ask": None,
+        }
+    said = ", ".join(f"{k} = {v}" for k, v in zip(names, hint.values(), strict=True))
     gone = [k for k, v in zip(names, hint.values(), strict=True) if v is None]
     label = f"Remove {', '.join(gone)}" if len(gone) == len(hint) else f"Set {said}"
     return {"label": label, "edits": edits, "ask": None}
-
-
-def _shown(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _works(document: RecipeDocument, edits: Sequence[Mapping[str, Any]]) -> bool:

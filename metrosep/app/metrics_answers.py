@@ -12,7 +12,16 @@ from typing import Any
 from metrosep.app.evaluations import Evaluations, Outcome
 from metrosep.app.separations import MethodResults, Separations, without_tables
 from metrosep.app.sessions import Session, is_extreme, mark_of
-from metrosep.app.wire import Answer, Cancel, Message, Tell, level_of, number_or_none, plain
+from metrosep.app.wire import (
+    Answer,
+    Cancel,
+    Message,
+    Tell,
+    level_of,
+    number_or_none,
+    page_words,
+    plain,
+)
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.recipe.pipeline import CancelledError, Stage, usual_names
 from metrosep.recipe.recipe import Recipe
@@ -43,7 +52,9 @@ def metrics(session: Session, message: Message, cancel: Cancel, tell: Tell) -> A
     tell({"k": "progress", "text": "separating" if opened.kind == "runs" else "computing"})
     result, refused = as_far_as_it_goes(opened.material, recipe, cancel)
     header |= _of_document(result, session)
-    return header | ({"refused": session.words(str(refused))} if refused is not None else {}), {}
+    return header | (
+        {"refused": page_words(session.words(str(refused)))} if refused is not None else {}
+    ), {}
 
 
 def as_far_as_it_goes(
@@ -88,7 +99,7 @@ def _of_document(result: Result, session: Session) -> dict[str, Any]:
         "is_preview": False,
         "verdict": result.verdict,
         "rows": list({row["symbol"]: row for row in rows}.values()),
-        "messages": [session.words(str(m)) for m in result.document["messages"]],
+        "messages": [page_words(session.words(str(m))) for m in result.document["messages"]],
         "stages": [],
     }
     return header | ({"checks": plain(checks)} if checks else {})
@@ -106,7 +117,7 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
         try:
             measured = with_sections(recipe, measured)
         except MetrosepError as exc:
-            refused = str(exc)  # the numbers of the steps are still shown
+            refused = page_words(str(exc))  # the numbers of the steps are still shown
     found = measured.found
     header: dict[str, Any] = {
         "hash": mark,
@@ -142,7 +153,7 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
             judged = judge_measurement(recipe, measured) if recipe.checks else None
         except MetrosepError as exc:
             # a limit of what is not there: the numbers are still shown
-            header["refused"] = str(exc)
+            header["refused"] = page_words(str(exc))
             header["mends"] = session.mends(exc)
         else:
             if judged is not None:
@@ -165,7 +176,7 @@ def _lost(recipe: Recipe, outcome: Outcome, there: set[str]) -> list[dict[str, A
 
 def _words(stage: Stage) -> list[str]:
     """Return the messages of a step in the words of its recipe, as the command line has them."""
-    return [step_words(m, stage.op) for m in stage.messages]
+    return [page_words(step_words(m, stage.op)) for m in stage.messages]
 
 
 def _row(symbol: str, quantity: Any, *, preview: bool) -> dict[str, Any]:

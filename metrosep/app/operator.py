@@ -22,6 +22,7 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Route
 
 from metrosep.app.server import STATIC, Guard, new_cookie, safe_headers
+from metrosep.app.wire import page_words
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, MetrosepError, ReadError
 from metrosep.core.inside import reading_inside
@@ -52,7 +53,7 @@ class Part:
     serial: str
     file: str
     verdict: str
-    rows: tuple[Mapping[str, Any], ...]  # characteristics that were not accepted
+    rows: tuple[Mapping[str, Any], ...]  # characteristics that were judged
     number: int  # of the measurement of this serial, from 1
     folder: Path
     reason: str = ""
@@ -96,7 +97,7 @@ class Operation:
         self._failed: set[tuple[str, int, int]] = set()
         self._counts: dict[str, int] = {}
         self._owed: list[Part] = []  # parts of an earlier start that still need a reason
-        for record in sorted(out.glob(f"*/{RECORD}")):
+        for record in sorted(out.glob(f"[!.]*/{RECORD}")):
             try:
                 held = json.loads(record.read_bytes())
                 self._done.add((held["file"], int(held["size"]), int(held["mtime_ns"])))
@@ -219,17 +220,19 @@ class Operation:
         if recipe.sha256 != self.recipe.sha256:
             raise DataError("The recipe was changed since the start: start metrosep again.")
         number = self._counts.get(serial, 0) + 1
-        folder = self._free(serial, number)
-        folder.mkdir()
+        # filed whole, by its name: what a halt leaves behind bears no name of a part
+        made = self.out / f".measuring-{os.getpid()}-{time.time_ns()}"
+        made.mkdir()
         try:
             with reading_inside([self.inbox.resolve()]):  # a link may be laid meanwhile
-                result = recipe.run(file, out=folder)
+                result = _with_report(recipe).run(file, out=made)
             _require_same(file, mark)
-            rows = _not_accepted(result.document)
-            part = Part(serial, file.name, str(result.verdict), rows, number, folder)
+            rows = _judged(result.document)
+            part = Part(serial, file.name, str(result.verdict), rows, number, made)
             self._record(part, *mark[1:])
+            part = replace(part, folder=made.rename(self._free(serial, number)))
         except BaseException as exc:
-            shutil.rmtree(folder, ignore_errors=True)  # made above: nothing of another part
+            shutil.rmtree(made, ignore_errors=True)
             if isinstance(exc, ReadError) or not isinstance(exc, OSError):  # a full disk passes
                 self._failed.add(mark)
             raise
@@ -305,17 +308,25 @@ def _keep(folder: Path, held: Mapping[str, Any]) -> None:
     atomic_write(folder / RECORD, text.encode("utf-8"))
 
 
-def _not_accepted(document: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
-    """Return the characteristics of a result that were not accepted, as the page shows them."""
+def _with_report(recipe: Recipe) -> Recipe:
+    """Return the recipe with a report, which each part gets, whatever it lists."""
+    if any(output["kind"] == "report" for output in recipe.outputs):
+        return recipe
+    return replace(recipe, outputs=(*recipe.outputs, {"kind": "report"}))
+
+
+def _judged(document: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
+    """Return the characteristics of a result that were judged, what was not accepted first."""
     keys = ("name", "metric", "value", "unit", "lower", "upper", "U", "verdict")
     entries = [e for e in document["characteristics"] if e.get("verdict") is not None]
-    return tuple({k: e.get(k) for k in keys} for e in entries if e["verdict"] != "accept")
+    entries.sort(key=lambda e: e["verdict"] == "accept")
+    return tuple({k: e.get(k) for k in keys} for e in entries)
 
 
 def _kept_part(held: Mapping[str, Any], folder: Path) -> Part:
     """Return a part as its folder holds it; without rows where result.json is gone."""
     try:
-        rows = _not_accepted(json.loads((folder / RESULT_NAME).read_bytes()))
+        rows = _judged(json.loads((folder / RESULT_NAME).read_bytes()))
     except (OSError, ValueError, KeyError, TypeError):
         rows = ()
     return Part(
@@ -370,7 +381,7 @@ def make_operator_app(operation: Operation, *, port: int, token: str) -> Starlet
             message = await _message(request)
             return JSONResponse(await run_in_threadpool(operation.act, message))
         except MetrosepError as exc:
-            return JSONResponse({"message": str(exc)}, status_code=400)
+            return JSONResponse({"message": page_words(str(exc))}, status_code=400)
         except OSError as exc:
             said = f"Nothing was kept of this ({exc}): mend that, then do it again."
             return JSONResponse({"message": said}, status_code=500)

@@ -47,7 +47,17 @@ from metrosep.app.view_tables import (
     profile_view,
     section_view,
 )
-from metrosep.app.wire import Answer, Arrays, Cancel, Message, Tell, error_header, level_of, pack
+from metrosep.app.wire import (
+    Answer,
+    Arrays,
+    Cancel,
+    Message,
+    Tell,
+    error_header,
+    level_of,
+    pack,
+    page_words,
+)
 from metrosep.core.errors import DataError, MetrosepError, RecipeError, WriteError
 from metrosep.core.exit_codes import exit_code_of
 from metrosep.core.inside import carried
@@ -239,7 +249,9 @@ def _failed(error: MetrosepError, number: Any, kind: Any) -> dict[str, Any]:
         if isinstance(error, Ask)
         else None
     )
-    return error_header(str(error), code=exit_code_of(error), request=number, k=kind, ask=ask)
+    return error_header(
+        page_words(str(error)), code=exit_code_of(error), request=number, k=kind, ask=ask
+    )
 
 
 class _Talk:
@@ -357,7 +369,7 @@ class _Talk:
         except MetrosepError as exc:
             header = _failed(exc, number, kind)
             if kind != "open":  # what cannot be opened says nothing about the open recipe
-                header["error"]["message"] = self.answers.session.words(str(exc))
+                header["error"]["message"] = page_words(self.answers.session.words(str(exc)))
             if kind == "edit" and isinstance(exc, RecipeError):
                 header["error"]["mends"] = self.answers.session.mends(exc, edits_of(message))
             elif kind in OF_RUNS:
@@ -634,7 +646,9 @@ class PictureAnswers:
                 columns=message.get("columns") or 1000,
             )
             arrays |= profile_arrays(view, f"{name}_")
-        return {"is_preview": outcome.is_preview, "failed": outcome.failed}, arrays
+        whole = [float(obj.x[0]), float(obj.x[-1])]
+        header = {"is_preview": outcome.is_preview, "failed": outcome.failed}
+        return {**header, "extent": message.get("window") or whole}, arrays
 
     def spectrum(self, message: Message, cancel: Cancel) -> Answer:
         """Answer a request ``spectrum``."""

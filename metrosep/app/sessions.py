@@ -17,6 +17,7 @@ from metrosep.app.evaluations import Evaluations, Level, Outcome
 from metrosep.app.mends import mends_of_edit, mends_of_refusal, mends_of_step
 from metrosep.app.opening import Opened, open_files, open_with, read_again, session_text
 from metrosep.app.view_tables import shown_view
+from metrosep.app.wire import page_words
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, MetrosepError, ReadError, WriteError
 from metrosep.core.inside import carried
@@ -208,7 +209,7 @@ class Session:
         """Return the step that could not be run, why, and what may be done."""
         index, error = outcome.failed, outcome.error
         mends = [] if index is None or error is None else mends_of_step(self._need(), index, error)
-        return {"index": index, "message": str(error), "mends": mends}
+        return {"index": index, "message": page_words(str(error)), "mends": mends}
 
     def mends(
         self, error: MetrosepError, edits: Sequence[Edit] | None = None

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias, cast
@@ -32,6 +33,7 @@ __all__ = [
     "level_of",
     "number_or_none",
     "pack",
+    "page_words",
     "plain",
     "text_of",
     "unpack",
@@ -125,6 +127,44 @@ def unpack(
     if end != data.nbytes:
         raise DataError(f"{data.nbytes - end} bytes follow the last array of the frame")
     return header, arrays
+
+
+_SWITCH = re.compile(
+    r"\b(?:write|set|state|give|say) ([a-z]\w*) = (true|false)(?: here| there)?\b"
+)
+_PAIR = re.compile(
+    r"\b([a-z]\w*) ?= ?(?:\"([^\"]*)\"|'([^']*)'|(-?\d[\w.+-]*|true|false))(?: in \[\w+\]| here\b| there\b)?"
+)
+_NAMED = re.compile(r"\b([a-z]\w*)=(?=[\s,;.)]|$)")
+_TURNS = re.compile("[\u202a-\u202e\u2066-\u2069]")
+"""What turns the direction of letters: in the name of a file it would turn the sentence."""
+_LINE = re.compile(r"(?:^|(?<= ))[^\s:]+\.toml:\d+: ")
+
+
+def page_words(message: str) -> str:
+    """Return a message without the grammar of recipes and Python: the page has fields, not keys.
+
+    Examples
+    --------
+    >>> page_words('r.toml:9: give the middle = "... mm" of the groove, or write lateral_step = "3 um" in [input]')
+    'give the middle of the groove, or write lateral step 3 um'
+    >>> page_words("put that step first, or write intermediate = true here")
+    'put that step first, or switch intermediate on'
+    """
+
+    def switched(found: re.Match[str]) -> str:
+        return f"switch {_field(found[1])} {'on' if found[2] == 'true' else 'off'}"
+
+    def pair(found: re.Match[str]) -> str:
+        value = next(v for v in found.groups()[1:] if v is not None)
+        return f"{_field(found[1])} {'' if '...' in value else value}".rstrip()
+
+    text = _SWITCH.sub(switched, _LINE.sub("", _TURNS.sub("\ufffd", message)))
+    return _NAMED.sub(lambda m: _field(m[1]), _PAIR.sub(pair, text))
+
+
+def _field(key: str) -> str:
+    return key.replace("lambda_", "\u03bb").replace("_", " ")
 
 
 def error_header(

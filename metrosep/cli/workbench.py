@@ -47,8 +47,9 @@ def ui(
     """Open the workbench in the browser, with FILE: a map, a profile, a recipe, or several runs.
 
     It listens on this computer only, and asks for the token in the address that it prints. The
-    recipe is kept beside FILE with every change; files outside FILE's folder, --folder and what is
-    dropped onto the page are not touched. Ctrl-C ends it.
+    recipe is kept with every change, in your folder of state (~/.local/state/metrosep on Linux), not
+    beside FILE; files outside FILE's folder, --folder and what is dropped onto the page are not
+    touched. Ctrl-C ends it.
 
     With --operator the page knows one recipe and cannot change it: a serial number, the newest file
     of the inbox, a verdict. Each result goes to a folder of its own in --out.

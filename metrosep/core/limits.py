@@ -15,6 +15,7 @@ __all__ = [
     "RULES",
     "Limit",
     "dimension_of",
+    "limit_example",
     "limit_problem",
     "order_problem",
     "parse_limit",
@@ -162,9 +163,20 @@ def limit_problem(name: str, limit: float, of: str, unit: str) -> str | None:
         if dimension_of(unit) is None:
             right = f"its unit is {unit!r}, so write the number without one"
     else:
-        example = _EXAMPLES.get(needed, f"2 {unit}")
-        right = f'write it with its unit, such as {name} = "{example}"'
+        right = f'write it with its unit, such as {name} = "{limit_example(unit)}"'
     return f"{name} is {_word(given)}, but {of} is {_word(needed, unit)}; {right}"
+
+
+def limit_example(unit: str) -> str | None:
+    """Return how a limit of a value of this SI unit is written; None of a pure number.
+
+    Examples
+    --------
+    >>> limit_example("m"), limit_example("1")
+    ('120 nm', None)
+    """
+    needed = dimension_of(unit)
+    return _EXAMPLES.get(needed, f"2 {unit}") if needed else None
 
 
 def order_problem(lower: float | None, upper: float | None) -> str | None:

@@ -386,13 +386,13 @@ def known_unit(
 
 def makes_metric(
     steps: Sequence[Mapping[str, Any]], metric: str, more: Collection[str] = ()
-) -> str | None:
-    """Return why no step makes a metric, as far as that shows without data.
+) -> tuple[str, str | None] | None:
+    """Return why no step makes a metric, as far as that shows without data, and the nearest that one makes.
 
     Examples
     --------
     >>> makes_metric([{"op": "parameters", "names": ["Sq"]}], "Sa")
-    'metric = "Sa" is made by no step; did you mean "Sq"?'
+    ('metric = "Sa" is made by no step; did you mean "Sq"?', 'Sq')
     """
     if metric in more:
         return None
@@ -404,9 +404,9 @@ def makes_metric(
     known = sorted({*more, *(name for s in carried_out for name in _named(s))})
     near = difflib.get_close_matches(symbol, known, n=1, cutoff=0.4)
     if n:
-        return f'metric = "{metric}": {symbol} is made {n} time{"s" if n > 1 else ""} only'
+        return f'metric = "{metric}": {symbol} is made {n} time{"s" if n > 1 else ""} only', None
     hint = f'; did you mean "{near[0]}"?' if near else f"; there are {', '.join(known) or 'none'}"
-    return f'metric = "{metric}" is made by no step{hint}'
+    return f'metric = "{metric}" is made by no step{hint}', near[0] if near else None
 
 
 def _makes(step: Mapping[str, Any], symbol: str) -> bool:

@@ -13,8 +13,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep.compensation.area_errors import is_rotary
-from metrosep.core.errors import DataError, RecipeError
-from metrosep.core.limits import COVERAGE, FROM_FIT, Limit, limit_problem, order_problem
+from metrosep.core.errors import DataError, Example, RecipeError
+from metrosep.core.limits import (
+    COVERAGE,
+    FROM_FIT,
+    Limit,
+    limit_example,
+    limit_problem,
+    order_problem,
+)
 from metrosep.core.plugins import entries
 from metrosep.core.readable import PREFIXED, said_value, typed_number
 from metrosep.core.units import parse_quantity
@@ -245,16 +252,22 @@ def limit_errors(recipe: Recipe) -> Iterator[RecipeError]:
     for i, check in enumerate(recipe.checks if recipe.is_pipeline else ()):
         problem = makes_metric(recipe.steps, check["metric"], more)
         if problem:
-            yield recipe.place("[[check]]", i).error(problem, "metric")
+            why, near = problem
+            error = recipe.place("[[check]]", i).error(why, "metric")
+            yield error if near is None else error.hinting(metric=near)
             continue
         unit = known_unit(recipe.steps, check["metric"], more)
         if unit is None:
             continue
         keys = [k for k in ("lower", "upper", "U") if k in check and check[k] != FROM_FIT]
         for key in keys:
-            problem = limit_problem(key, check[key], check["metric"], unit)
-            if problem is not None:
-                yield recipe.place("[[check]]", i).error(problem, key)
+            wrong = limit_problem(key, check[key], check["metric"], unit)
+            if wrong is not None:
+                error, example = (
+                    recipe.place("[[check]]", i).error(wrong, key),
+                    limit_example(unit),
+                )
+                yield error.hinting(**{key: Example(example)}) if example else error
 
 
 def _order_errors(recipe: Recipe) -> Iterator[RecipeError]:

@@ -13,7 +13,7 @@ from metrosep.app.documents import Edit, Places
 from metrosep.app.export_answers import export, report
 from metrosep.app.opening import autosave_path
 from metrosep.app.sessions import Session
-from metrosep.core.errors import DataError, WriteError
+from metrosep.core.errors import DataError, ReadError, WriteError
 from metrosep.recipe.result import load_document
 
 RECIPE = (
@@ -42,6 +42,20 @@ def ask(session, function=export, **message):
 @pytest.fixture
 def session(tmp_path):
     return opened(tmp_path, part(tmp_path / "part.x3p"))
+
+
+def test_a_recipe_is_saved_onto_no_measurement_beside(session, tmp_path):
+    other = part(tmp_path / "other.x3p", 2.0)
+    before = other.read_bytes()
+    with pytest.raises(DataError, match=r"other.x3p: the name of a recipe ends in .toml"):
+        ask(session, what="recipe", path="other.x3p", overwrite=True)
+    assert other.read_bytes() == before
+
+
+def test_a_pipe_is_called_no_missing_file(tmp_path):
+    os.mkfifo(tmp_path / "pipe.x3p")
+    with pytest.raises(ReadError, match="not a regular file"):
+        Places([tmp_path]).readable("pipe.x3p")
 
 
 # ---- what is open stays as it is ---------------------------------------------------------------

@@ -1,5 +1,6 @@
 """What the page offers where something is refused: each button is an edit that `metrosep run` takes."""
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -77,7 +78,7 @@ def test_the_page_judges_nothing_that_metrosep_run_refuses_and_offers_the_way_ou
     assert "step 2 evaluates what step 3 (filter" in header["refused"]
     move, mark = header["mends"]
     assert (move["label"], mark["label"]) == (
-        "Move step 2 to the end", "Set intermediate = true",
+        "Move step 2 to the end", "Switch intermediate on",
     )  # fmt: skip
     press(answers, move)
     assert full(answers)["verdict"] == "accept"
@@ -136,6 +137,56 @@ def test_a_known_length_is_read_as_everywhere_and_never_taken_for_a_pixel(tmp_pa
     assert picture["extent"][2] == pytest.approx(89.5 * step_m, abs=0.0)
     with pytest.raises(MetrosepError, match="one of the two"):
         answers.answer({"k": "scale", "px": 200.0, "known": typed, "step": "1 um"})
+
+
+def test_a_limit_of_no_step_and_one_without_unit_have_a_button_each(tmp_path):
+    answers = opened(tmp_path, 3e-6)
+    answers.answer(
+        {"k": "edit", "path": ["check", 0], "old": None, "new": {**CHECK, "metric": "Sqq"}}
+    )
+    use, remove = full(answers)["mends"]
+    assert (use["label"], remove["label"]) == ("Set metric = Sq", "Remove this limit")
+    press(answers, use)
+    assert full(answers)["verdict"] == "accept"
+    answers.answer({"k": "edit", "path": ["check", 0, "upper"], "old": "1 um", "new": 180})
+    give, _ = full(answers)["mends"]
+    assert give["ask"]["hint"] == "such as 120 nm"
+    press(answers, give, "180 nm")
+    assert full(answers)["verdict"] == "accept"
+
+
+GRAMMAR = re.compile(
+    r"\w = [\"'\d]|= true|= false|\.toml:\d|\w=(?:[\"'\s]|$)|\[input\]|\bNone\b|\bTrue\b"
+)
+
+
+@pytest.mark.parametrize(
+    "edits",
+    [
+        [("step", {"op": "filter", "lambda_c": "30 um"})],  # without a scale
+        [("input", "3 um"), ("step", {"op": "step_height", "width": "9 um", "middle": "50 mm"})],
+        [("input", "3 um"), ("step", {"op": "filter", "cutoff": "30 um"}), ("check", CHECK)],
+        [("input", "3 um"), ("check", {**CHECK, "metric": "Sqq"})],
+        [("input", "3 um"), ("check", {**CHECK, "upper": 180})],
+        [("input", "3 um"), ("step", {"op": "form", "form": "sphere: R=0.01 mm"})],
+    ],
+)
+def test_no_grammar_of_recipes_reaches_the_page(tmp_path, edits):
+    answers = opened(tmp_path)
+    for what, new in edits:
+        path = {"input": ["input", "lateral_step"], "step": ["step", 2], "check": ["check", 0]}[
+            what
+        ]
+        answers.answer({"k": "edit", "path": path, "old": None, "new": new})
+    header = full(answers)
+    said = [
+        header.get("failed", {}).get("message", ""),
+        header.get("refused", ""),
+        *header["messages"],
+    ]
+    assert any(said)
+    for text in said:
+        assert not GRAMMAR.search(text), text
 
 
 @pytest.mark.parametrize("typed", ["2 um, 3 um", "2 um x 3 um", "2um \u00d7 3um"])

@@ -593,3 +593,12 @@ def test_a_worksheet_of_a_talyrond_asks_for_its_unit_only(tmp_path, corpus):
     given["radius_unit"] = "um"
     session = answers.answer({"k": "open", "path": "t.xlsx", "reading": given})[0]["session"]
     assert session["op"] == "roundness"
+
+
+def test_a_profile_has_the_ends_of_its_file_though_columns_hold_several_samples(tmp_path):
+    lines = ["x_mm,z_um", *(f"{0.001 * k:.3f},{k % 5}" for k in range(3001))]
+    answers = answers_of(tmp_path, "p.csv", lines)
+    answers.answer({"k": "open", "path": "p.csv"})
+    header, arrays = answers.answer({"k": "profile", "series": ["residual"], "columns": 100})
+    assert header["extent"] == pytest.approx([0.0, 3e-3], abs=1e-15)
+    assert arrays["residual_x"][0] > 5e-6  # the middle of its samples

@@ -445,3 +445,51 @@ def test_the_application_has_no_other_way_in_or_out(shift: Shift) -> None:
         assert client.post("/act", content=body).status_code == 400
     other = TestClient(app, base_url="http://evil.example:8899")
     assert other.get("/?token=secret").status_code == 403
+
+
+def test_a_recipe_without_a_report_files_one_all_the_same(shift: Shift) -> None:
+    part(shift.inbox, "a.x3p", 50e-9)
+    shift.rest()
+    shift.do("measure", "A-1")
+    made = {path.name for path in (shift.out / "A-1").iterdir()}
+    assert {"result.json", "operator.json"} < made
+    assert [name for name in made if name.endswith(".html")]
+    document = json.loads((shift.out / "A-1" / "result.json").read_text())
+    assert document["recipe"]["sha256"] == shift.of.recipe.recorded["sha256"]
+
+
+def test_what_a_halt_leaves_behind_takes_no_name_of_a_part(tmp_path: Path) -> None:
+    """The server is killed while it measures: the part is the first of its name after the start."""
+    made = Shift(tmp_path)
+    made.do("name", "A. Weber")
+    part(made.inbox, "a.x3p", 50e-9)
+    made.rest()
+    run = Recipe.run
+
+    def killed(*_args: Any, **_options: Any) -> Any:
+        os._exit(9)
+
+    pid = os.fork()
+    if pid == 0:
+        Recipe.run = killed  # type: ignore[method-assign]
+        try:
+            made.do("measure", "CON-1")
+        finally:
+            os._exit(1)
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 9
+    assert Recipe.run is run
+    assert not (tmp_path / "out" / "CON-1").exists()
+    again = Shift(tmp_path)
+    again.do("name", "A. Weber")
+    again.rest()
+    state = again.do("measure", "CON-1")
+    assert (state["part"]["folder"], state["part"]["number"]) == ("CON-1", 1)
+    assert (tmp_path / "out" / "CON-1" / "result.json").is_file()
+
+
+def test_an_accepted_part_shows_its_values(shift: Shift) -> None:
+    part(shift.inbox, "a.x3p", 50e-9)
+    shift.rest()
+    (row,) = shift.do("measure", "A-1")["part"]["rows"]
+    assert (row["metric"], row["verdict"]) == ("Sz", "accept")
+    assert row["value"] == pytest.approx(50e-9, abs=1e-12)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as hnp
 
-from metrosep.app.wire import error_header, pack, unpack
+from metrosep.app.wire import error_header, pack, page_words, unpack
 from metrosep.core.errors import DataError
 
 
@@ -24,6 +24,10 @@ def frame_of(header: object, payload: bytes = b"", text: bytes | None = None) ->
 
 def entry(name="z", dtype="f8", shape=(1,)):
     return {"name": name, "dtype": dtype, "shape": list(shape)}
+
+
+def test_letters_that_turn_a_sentence_are_shown_as_marks():
+    assert page_words('x"\u202e.toml is not a map') == 'x"\ufffd.toml is not a map'
 
 
 def test_a_frame_byte_by_byte():

@@ -99,7 +99,8 @@ function render({ model, el, act }) {
 
   function tell() {
     const x = plot.u.data[0];
-    read.textContent = pointed || (x.length ? `${si(x[0])} to ${si(x[x.length - 1])}${model.get("window") ? " (double click or F: all)" : ""}` : "");
+    const [from, to] = model.get("extent") ?? [x[0], x[x.length - 1]]; // columns hold several samples: their middles are not the ends
+    read.textContent = pointed || (x.length ? `${si(from)} to ${si(to)}${model.get("window") ? " (double click or F: all)" : ""}` : "");
   }
 
   function update() {

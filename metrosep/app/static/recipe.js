@@ -55,10 +55,12 @@ export function switched(stored, index, on) {
 export function summary(step) {
   const words = [];
   for (const [key, value] of Object.entries(step.keys)) {
-    if (value && typeof value === "object" && !Array.isArray(value)) words.push(Object.values(value).map(String).join(" "));
+    if (value && typeof value === "object" && !Array.isArray(value)) words.push(Object.entries(value).map(([k, v]) => (k === "shape" ? v : `${k.replaceAll("_", " ")} ${Array.isArray(v) ? v.join(", ") : v}`)).join(", "));
+    else if (step.op === "mask" && key === "outside") words.push(value ? "keeps the inside" : "excludes the inside");
+    else if (typeof value === "boolean") words.push(`${key.replaceAll("_", " ")} ${value ? "on" : "off"}`);
     else if (Array.isArray(value)) words.push(value.join(", "));
     else if (["form", "kind", "op", "names"].includes(key)) words.push(String(value));
-    else words.push(`${key.replace("lambda_", "λ")} ${value}`);
+    else words.push(`${key.replace("lambda_", "λ").replaceAll("_", " ")} ${value}`);
   }
   return words.join(" · ");
 }

@@ -275,7 +275,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       if (mine !== epoch) return;
       const one = (/** @type {string} */ name) => ({ x: arrays[`${name}_x`], low: arrays[`${name}_low`], high: arrays[`${name}_high`] });
       reached(header.failed);
-      profile.put({ is_preview: header.is_preview, message: "", series: { measured: one("measured"), residual: one("residual") } });
+      profile.put({ is_preview: header.is_preview, message: "", extent: header.extent, series: { measured: one("measured"), residual: one("residual") } });
     } catch (error) {
       refused(error, (text) => profile.put({ series: {}, message: text }));
     }
