@@ -54,7 +54,7 @@ def whole_page(make_document):
 
 
 @pytest.fixture(autouse=True)
-def _once_here(separations_once):
+def _once_here(separations_once, uncertainties_once):
     """These tests ask what becomes of a separation, not whether it repeats itself."""
 
 
