@@ -61,7 +61,9 @@ def test_numbers_without_steps_ask_for_keys_of_input(tmp_path, told):
 
 def test_lines_that_are_no_numbers_name_a_key_that_the_recipe_has(tmp_path, told):
     (tmp_path / "in").mkdir()
-    letter = "no table at all\nof any kind; 3 here\n" + "a long letter stands above the rows\n" * 30
+    letter = (
+        "no table at all\nof any kind; 3 here\n" + "a long letter stands above the rows\n" * 30
+    )
     (tmp_path / "in/a.csv").write_text(letter + "1;2;3\n4;5;6\n7;8;9\n")
     for text in told(PIPELINE, "a.csv"):
         assert not PYTHON.search(text), text
