@@ -201,6 +201,15 @@ class RecipeDocument:
         """What redo would do again."""
         return self._undone[-1][0] if self._undone else None
 
+    @property
+    def history(self) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+        """What can be undone and redone: labels, and the recipes before and after."""
+        return list(self._done), list(self._undone)
+
+    def remember(self, history: Sequence[Sequence[Sequence[str]]]) -> None:
+        """Take a history up again; each recipe in it is checked when it is gone back to."""
+        self._done, self._undone = ([(str(a), str(b)) for a, b in part] for part in history)
+
     def edit(self, edits: Sequence[Edit], label: str | None = None) -> None:
         """Carry edits out, as one that can be undone."""
         import tomlkit

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import base64
+import contextlib
 import hashlib
+import json
 import os
 import re
 import sys
 import tomllib
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -54,6 +58,7 @@ from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.run import input_files
 from metrosep.recipe.schema import reading_options
 from metrosep.recipe.steps import INPUT
+from metrosep.recipe.written.extends import Admits
 
 __all__ = [
     "Kind",
@@ -240,8 +245,7 @@ def _taken_up(
         return None, _left_beside(kept, files[0])
     try:
         held = kept.read_bytes()
-        text = text_of_session(held)[0]
-        document = RecipeDocument(text, files[0].parent, _name(files[0]), places.admits)
+        document = session_of(held, files[0].parent, _name(files[0]), places.admits)
         document = _with_input(document, given)
         names = [files[0].parent / n for n in document.recipe.input.get("files") or ()]
         if {f.resolve() for f in names} != set(files):
@@ -387,14 +391,14 @@ def _left(kept: Path, file: Path, document: RecipeDocument, base: str) -> _Left:
     """
     try:
         held = kept.read_bytes()
-        text, of = text_of_session(held)
-        left = RecipeDocument(text, file.parent, file.name, document.admits)
+        of = text_of_session(held)[1]
+        left = session_of(held, file.parent, file.name, document.admits)
         changed = of != base if of else kept.stat().st_mtime_ns < file.stat().st_mtime_ns
     except (OSError, UnicodeDecodeError, RecipeError) as exc:
         said = f"{kept.name}: the session kept there is not used ({exc})"
         return _Left(document, (said,), displaced=True)
     if left.text == document.text:
-        return _Left(document, held=held)
+        return _Left(left, held=held)
     if changed:
         said = (
             f"{kept.name}: {file.name} was changed after this session was kept; it is not used, and "
@@ -406,12 +410,32 @@ def _left(kept: Path, file: Path, document: RecipeDocument, base: str) -> _Left:
 
 
 _OF_RECIPE = re.compile(r"\n# of [^\n]* sha256 ([0-9a-f]{64})\n\Z")
-"""Last line of the session of a recipe; no part of the recipe."""
+_UNDO = re.compile(r"\n# undo ([A-Za-z0-9+/=]+)\n?\Z")
+"""Last lines of a session: of which recipe it is, and what can be undone; no part of the recipe."""
+
+_MOST_UNDO = 16 << 20
+"""Bytes of a history; what is longer was not written here."""
 
 
-def session_text(opened: Opened, text: str) -> str:
-    """Return what is kept of a session: its recipe, and of which recipe it is."""
-    return f"{text}\n# of {opened.home.name} sha256 {opened.base}\n" if opened.base else text
+def session_text(opened: Opened, document: RecipeDocument) -> str:
+    """Return what is kept of a session: its recipe, what can be undone, and of which recipe it is."""
+    lines = [document.text]
+    if any(document.history):
+        packed = zlib.compress(json.dumps(document.history).encode(), 1)
+        lines.append(f"# undo {base64.b64encode(packed).decode()}")
+    if opened.base:
+        lines.append(f"# of {opened.home.name} sha256 {opened.base}")
+    return "\n".join([*lines, ""]) if len(lines) > 1 else document.text
+
+
+def session_of(held: bytes, folder: Path, name: str, admits: Admits | None) -> RecipeDocument:
+    """Return the document of a kept session with its history; one that cannot be read is left out."""
+    text, _, history = _parts(held)
+    document = RecipeDocument(text, folder, name, admits)
+    with contextlib.suppress(ValueError, TypeError, RecursionError, zlib.error):
+        unpacked = zlib.decompressobj().decompress(base64.b64decode(history), _MOST_UNDO)
+        document.remember(json.loads(unpacked))
+    return document
 
 
 def text_of_session(held: bytes) -> tuple[str, str]:
@@ -422,9 +446,17 @@ def text_of_session(held: bytes) -> tuple[str, str]:
     >>> text_of_session(b'metrosep = 1')
     ('metrosep = 1', '')
     """
-    text = _decoded(held)
-    found = _OF_RECIPE.search(text)
-    return (text, "") if found is None else (text[: found.start()], found[1])
+    return _parts(held)[:2]
+
+
+def _parts(held: bytes) -> tuple[str, str, str]:
+    """Return the recipe of a session, the digest of the recipe that it began with, and its history as written."""
+    text, digest, history = _decoded(held), "", ""
+    if (of := _OF_RECIPE.search(text)) is not None:
+        text, digest = text[: of.start()], of[1]
+    if (undo := _UNDO.search(text)) is not None:
+        text, history = text[: undo.start()], undo[1]
+    return text, digest, history
 
 
 def _decoded(content: bytes) -> str:

@@ -156,7 +156,7 @@ class Session:
         with self.lock:
             document.adopt(tried)
             self.opened = replace(opened, displaced=False)
-        self.keeper.keep(opened.kept, session_text(opened, document.text), aside=opened.displaced)
+        self.keeper.keep(opened.kept, session_text(opened, document), aside=opened.displaced)
 
     # ---- what it gives -----------------------------------------------------------------------
 

@@ -430,6 +430,52 @@ def test_a_session_of_every_kind_comes_back_without_asking(tmp_path, kind):
     assert any("taken up again" in m for m in again.state()["messages"])
 
 
+@pytest.mark.parametrize("kind", ["map", "recipe"])
+def test_undo_and_redo_go_on_where_a_server_ended(tmp_path, kind):
+    file = part(tmp_path / "p.x3p")
+    if kind == "recipe":
+        file = written(tmp_path / "r.toml", MAP.format("p.x3p"))
+    first = session_of(tmp_path, file)
+    texts = [first.document.text]
+    for name in ("one", "two # \u00b5m", "three"):
+        edited(first, ["title"], first.document.recipe.title or None, name)
+        texts.append(first.document.text)
+    first.undo()
+    again = session_of(tmp_path, file)
+    assert again.document.text == texts[2]
+    assert (again.state()["can_undo"], again.state()["can_redo"]) == (True, True)
+    again.redo()
+    assert again.document.text == texts[3]
+    for text in texts[2::-1]:
+        again.undo()
+        assert again.document.text == text
+    assert again.state()["can_undo"] is False
+    assert tomllib.loads(first.opened.kept.read_text("utf-8"))["metrosep"] == 1
+
+
+@pytest.mark.parametrize("damage", ["cut", "not base64", "not zlib", "a number", "deep"])
+def test_a_history_that_cannot_be_read_costs_nothing_else(tmp_path, damage):
+    import base64
+    import zlib
+
+    file = part(tmp_path / "p.x3p")
+    first = session_of(tmp_path, file)
+    edited(first, ["title"], first.document.recipe.title, "changed by hand")
+    kept = first.opened.kept
+    text, _, history = kept.read_text("utf-8").rpartition("# undo ")
+    packed = {
+        "cut": history.strip()[: len(history) // 8 * 4],
+        "not base64": "AAAAA",
+        "not zlib": "AAAA",
+        "a number": base64.b64encode(zlib.compress(b"7")).decode(),
+        "deep": base64.b64encode(zlib.compress(b"[" * 200_000)).decode(),
+    }[damage]
+    kept.write_text(f"{text}# undo {packed}\n", "utf-8")
+    again = session_of(tmp_path, file)
+    assert again.document.text == first.document.text
+    assert again.state()["can_undo"] is False
+
+
 def test_each_set_and_each_file_has_its_own_session(tmp_path):
     files = _set(tmp_path)
     for chosen in (files, files[:2]):
