@@ -161,6 +161,7 @@ def _rows_field(given: Mapping[str, Any]) -> dict[str, Any]:
 def ask_columns(files: Sequence[Path], given: Mapping[str, Any], why: str) -> Ask:
     """Return the question which column is what, with guesses that the user confirms."""
     columns = _numbers(files[0], given)
+    given = _asked_again(given, [name for name, _ in columns])
     if len(columns) < _FEWEST:
         raise ReadError(
             f"{files[0].name}: holds {len(columns)} column of numbers; a run needs a position and a "
@@ -295,6 +296,24 @@ def answered(given: Mapping[str, Any]) -> dict[str, Any]:
         if unit is not None and role in plain:
             plain[role] = f"{plain[role]}:{unit}"
     return plain
+
+
+def _asked_again(given: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    """Return what `answered` made, in the fields of the question: each unit has its own."""
+    fields: dict[str, Any] = {}
+    for role, value in given.items():
+        if isinstance(value, Mapping):
+            parts = value.get("column", ""), value.get("unit", "")
+        elif isinstance(value, tuple):  # as a reader takes it
+            parts = value
+        elif role in ("angle", "radius") and value not in names and ":" in value:
+            parts = value.rpartition(":")[::2]
+        else:
+            fields[role] = value
+            continue
+        if role in ("x", "z", "angle", "radius"):
+            fields[role], fields[f"{role}_unit"] = parts
+    return fields
 
 
 def _is_asked(role: str, columns: Sequence[tuple[str, str | None]], *, several: bool) -> bool:

@@ -300,7 +300,10 @@ def _runs(places: Places, files: list[Path], given: Mapping[str, Any]) -> Opened
     names, name = [f.name for f in files], _name(files[0])
     document = RecipeDocument(start_runs_text(names, chosen), folder, name, places.admits)
     separations = Separations(files)
-    feeds = fewest_feeds(separations.runs(document.recipe))  # a wrong column shows now
+    try:
+        feeds = fewest_feeds(separations.runs(document.recipe))  # a wrong column shows now
+    except UnitError as exc:
+        raise ask_columns(files, given, _why(exc)) from None
     text = start_runs_text(names, chosen, feeds)
     document = RecipeDocument(text, folder, name, places.admits)
     said = () if feeds > 1 else (ONE_FEED,)
@@ -325,7 +328,7 @@ def _traces(places: Places, files: list[Path], given: Mapping[str, Any]) -> Open
     try:
         material.result(document.recipe)  # a wrong column shows now
     except MetrosepError as exc:
-        raise ask_columns(files, given, str(exc)) from None
+        raise ask_columns(files, given, _why(exc)) from None
     return Opened("method", tuple(files), files[0], document, material)
 
 
@@ -523,13 +526,17 @@ def _question(file: Path, reading: Mapping[str, Any], why: MetrosepError) -> Met
     if not several and (asked := ask_text(file, reading, why)) is not None:
         return asked
     if several and not (isinstance(why, FormatMismatchError) and "x" in reading):
-        given = {k: v for k, v in reading.items() if isinstance(v, str | int)}
-        return ask_columns([file], given, words)
+        return ask_columns([file], reading, words)
     if isinstance(why, UnitError):
         return Ask(words, "unit", str(file))
     if holds_columns(file, 1, reading) and "lateral_step" not in reading:
         return Ask(words, "lateral_step", str(file))
     return why
+
+
+def _why(error: MetrosepError) -> str:
+    """Return why something is asked for, without how a call gives a unit: here it has a field."""
+    return re.split(r"; (?=[^;]*\w=\()", str(error))[0]
 
 
 def _kind(obj: Surface | Profile) -> Literal["map", "profile"]:

@@ -29,6 +29,7 @@ from metrosep.core.errors import (
     FileAccessError,
     FileMissingError,
     ReadError,
+    ReadOptionError,
     UnsupportedFeatureError,
 )
 from metrosep.core.inside import carried
@@ -409,7 +410,9 @@ def lateral_steps(
         return None
     items = steps_of(override)
     if len(items) > 2 or (len(items) == 1 and isinstance(override, tuple | list)):
-        raise ReadError(f"lateral_step has {len(items)} values; give one step or (dx, dy)")
+        raise ReadOptionError(
+            f"lateral_step has {len(items)} values, where one step or two (dx, dy) are needed"
+        )
     found = [positive(s, "lateral_step", dimension="length") for s in items]
     return found[0], found[-1]
 

@@ -626,6 +626,54 @@ def test_a_wrong_answer_about_a_trace_comes_back_with_its_reason(tmp_path, given
     assert {f["name"]: f["value"] for f in asked.value.fields}["angle"] == given["angle"]
 
 
+def refused(answers, given, *names):
+    """The question that comes back, and what stands in its fields."""
+    with pytest.raises(Ask) as asked:
+        answers.answer({"k": "open", "paths": list(names), "reading": given})
+    return str(asked.value), {f["name"]: f["value"] for f in asked.value.fields if f["value"]}
+
+
+def test_a_wrong_unit_of_a_trace_is_put_right_in_its_own_field(tmp_path):
+    lines = ["Winkel;dev:R", *(f"{k};{k % 7}" for k in range(0, 360, 5))]
+    answers = answers_of(tmp_path, "t.csv", lines)
+    given = {"angle": "Winkel", "angle_unit": "rad", "radius": "dev:R", "radius_unit": "um"}
+    why, fields = refused(answers, given, "t.csv")
+    assert "turns" in why
+    assert fields == given
+    again = {**fields, "angle_unit": "deg"}
+    session = answers.answer({"k": "open", "path": "t.csv", "reading": again})[0]["session"]
+    assert session["input"]["angle"] == "Winkel:deg"
+
+
+def test_a_missing_unit_is_asked_for_without_a_call_of_python(tmp_path):
+    lines = ["Winkel;dev:R", *(f"{k};{k % 7}" for k in range(0, 360, 5))]
+    answers = answers_of(tmp_path, "t.csv", lines)
+    given = {"angle": "Winkel", "radius": "dev:R", "radius_unit": "um"}
+    why, fields = refused(answers, given, "t.csv")
+    assert "declares no unit" in why
+    assert "=" not in why
+    assert fields == given
+
+
+def test_a_wrong_unit_of_runs_comes_back_with_what_was_given(tmp_path):
+    for name in ("a.csv", "b.csv"):
+        answers = answers_of(tmp_path, name, ["p,q,n", *(f"{k},{k % 7},1" for k in range(200))])
+    why, fields = refused(answers, {"x": "p", "x_unit": "um", "z": "q"}, "a.csv", "b.csv")
+    assert "'q'" in why
+    assert "=" not in why
+    assert fields == {"x": "p", "x_unit": "um", "z": "q"}
+
+
+@pytest.mark.parametrize("step", ["2 um, 3 um, 4 um", "2 um, 0 um", "2 um x"])
+def test_a_wrong_lateral_step_brings_the_question_back(tmp_path, step):
+    rows = [",".join(str((3 * i + j) % 11) for j in range(12)) for i in range(9)]
+    answers = answers_of(tmp_path, "m.csv", rows)
+    given = {"unit": "um", "lateral_step": step, "row_order": "top row first"}
+    why, fields = refused(answers, given, "m.csv")
+    assert "step" in why
+    assert fields == given
+
+
 def test_a_worksheet_of_a_talyrond_asks_for_its_unit_only(tmp_path, corpus):
     data = (corpus / "round" / "talyrond_profile.xlsx").read_bytes()
     (tmp_path / "t.xlsx").write_bytes(data)

@@ -13,6 +13,8 @@ const TYPED = new Set(["pm", "nm", "µm", "mm", "m", "nrad", "µrad", "mrad", "r
 /** Angles that a person reads in degrees; slopes and tilts stay in rad. */
 const ANGLE = /^section\..+\.(angle|azimuth)$/;
 
+const expanded = (/** @type {Dict | undefined} */ row) => (row?.u == null ? null : 2 * row.u);
+
 const inDegrees = (/** @type {Dict} */ row) => row.unit === "rad" && ANGLE.test(row.symbol ?? row.metric ?? "");
 
 /** One place that says what a verdict looks like. */
@@ -23,6 +25,17 @@ export const VERDICTS = /** @type {Record<string, { sign: string, word: string }
 });
 
 /**
+ * Return factor and name of the unit in which a value with its uncertainty is shown: that of a limit typed beside it without one.
+ * @param {number} value
+ * @param {number | null} U expanded, k = 2
+ * @param {string} unit
+ * @returns {[number, string]}
+ */
+export function unitWithU(value, U, unit) {
+  return scaleFor(Math.max(Math.abs(value), U ?? 0), unit);
+}
+
+/**
  * Return value and expanded uncertainty with the decimals that the uncertainty warrants.
  * @param {number} value
  * @param {number | null} U expanded, k = 2
@@ -31,7 +44,7 @@ export const VERDICTS = /** @type {Record<string, { sign: string, word: string }
  */
 export function withU(value, U, unit) {
   if (U === null || !(U > 0)) return [si(value, unit), "–"];
-  const [factor, name] = scaleFor(Math.max(Math.abs(value), U), unit);
+  const [factor, name] = unitWithU(value, U, unit);
   const tail = name === "1" || name === "" ? "" : `\u2009${powers(name)}`;
   const [v, u] = [value / factor, U / factor];
   const decimals = Math.max(0, 1 - Math.floor(Math.log10(u)));
@@ -108,16 +121,16 @@ export function makeMetrics(el, verdictEl, edit) {
     return td;
   }
 
-  /** The unit in which a value is shown: that of a limit typed beside it without one; "" where none is shown. @param {Dict | undefined} row */
-  function unitOf(row) {
+  /** The unit in which a value is shown: that of a limit typed beside it without one; "" where none is shown. @param {Dict | undefined} row @param {number | null} U */
+  function unitOf(row, U) {
     if (!row || row.waits || typeof row.value !== "number") return "";
     if (inDegrees(row)) return "deg";
-    const [, unit] = scaleFor(Math.max(Math.abs(row.value), 2 * (row.u ?? 0)), row.unit);
+    const [, unit] = unitWithU(row.value, U, row.unit);
     return TYPED.has(unit) ? unit : "";
   }
 
-  function limitForm(/** @type {Dict} */ check, /** @type {number | null} */ index, /** @type {Dict | undefined} */ of) {
-    const unit = unitOf(of);
+  function limitForm(/** @type {Dict} */ check, /** @type {number | null} */ index, /** @type {Dict | undefined} */ of, /** @type {number | null} */ U) {
+    const unit = unitOf(of, U);
     const row = document.createElement("tr");
     const td = document.createElement("td");
     td.colSpan = 4;
@@ -226,7 +239,7 @@ export function makeMetrics(el, verdictEl, edit) {
       tr.dataset.metric = check.metric;
       const name = check.name && check.name !== check.metric ? `${check.name}` : check.metric;
       const detail = `${check.name && check.name !== check.metric ? `${check.metric}  ` : ""}${limitWords(check)}`;
-      const U = judged?.U ?? (row?.u != null ? 2 * row.u : null);
+      const U = judged?.U ?? expanded(row);
       const state = judged && !found?.is_preview ? VERDICTS[judged.verdict] : null;
       const ended = Boolean(found?.failed || found?.refused);
       const last = cell(state ? state.sign : ended ? "–" : "…", `state ${state ? judged.verdict : "preview"}`);
@@ -234,15 +247,15 @@ export function makeMetrics(el, verdictEl, edit) {
       last.setAttribute("aria-label", last.title);
       tr.append(nameCell(name, detail, `check ${i}`, row?.definition ?? check.metric), ...valueCells(row, U), last);
       table.append(tr);
-      if (open === `check ${i}`) table.append(limitForm(check, i, row));
+      if (open === `check ${i}`) table.append(limitForm(check, i, row, U));
     });
     for (const [symbol, row] of rows) {
       if (used.has(symbol)) continue;
       const tr = document.createElement("tr");
       tr.dataset.metric = symbol;
-      tr.append(nameCell(symbol, "", `row ${symbol}`, row.definition), ...valueCells(row, row.u === null ? null : 2 * row.u), cell(""));
+      tr.append(nameCell(symbol, "", `row ${symbol}`, row.definition), ...valueCells(row, expanded(row)), cell(""));
       table.append(tr);
-      if (open === `row ${symbol}`) table.append(limitForm({ metric: symbol }, null, row));
+      if (open === `row ${symbol}`) table.append(limitForm({ metric: symbol }, null, row, expanded(row)));
     }
     el.replaceChildren(table);
     el.scrollTop = scrolled;
