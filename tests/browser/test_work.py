@@ -79,6 +79,23 @@ def test_a_limit_without_unit_has_that_of_the_value_beside_it(
     assert page.errors == []
 
 
+def test_a_limit_without_unit_beside_a_larger_uncertainty_has_the_unit_that_is_shown(
+    opened: Opened, map_file: Path
+) -> None:
+    """U of a check, in um, sets the unit of a value of some nm: what is typed then is in um too."""
+    page = opened(map_file)
+    before = page.text('[data-metric="Sq"] td:nth-child(2)').split("\u2009")[1]
+    settled(page, lambda: set_limit(page, "row Sq", "1 mm", "1.2 mm"))
+    shown = page.text('[data-metric="Sq"] td:nth-child(2)').split("\u2009")[1]
+    assert (before != "mm", shown) == (True, "mm")
+    settled(page, lambda: set_limit(page, "check 0", "1.5", "1.2 mm"))
+    page.click('[data-row="check 0"]')
+    assert "/ mm" in page.text(".limit-form")
+    stored = page.run("document.querySelector('.limit-form input[name=upper]').value")
+    assert stored == "1.5 mm"
+    assert page.errors == []
+
+
 def test_metrics_are_those_of_the_library_to_the_printed_digit(
     opened: Opened, map_file: Path
 ) -> None:
