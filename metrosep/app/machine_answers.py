@@ -8,7 +8,7 @@ from typing import Any
 from metrosep.app.metrics_answers import as_far_as_it_goes, term_words
 from metrosep.app.separations import MethodResults
 from metrosep.app.sessions import Session
-from metrosep.app.wire import Answer, Cancel, Message, Tell, page_words, plain
+from metrosep.app.wire import Answer, Cancel, Message, Tell, plain
 from metrosep.core.errors import DataError
 from metrosep.recipe.describe.describe_tests import curves_of
 from metrosep.separation import Separation
@@ -34,7 +34,7 @@ def machine(session: Session, message: Message, cancel: Cancel, tell: Tell) -> A
         "null": list(result.produced.found.null) if op == "calibrate" else [],
         "charts": charts,
         "messages": [
-            page_words(session.words(str(m)))
+            session.words(str(m))
             for m in [refused] * (refused is not None)
             + (_messages(result) if op == "calibrate" else list(result.document["messages"]))
         ],

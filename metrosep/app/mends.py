@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from metrosep.app.documents import Edit, RecipeDocument
+from metrosep.app.wire import field_words
 from metrosep.core.errors import DataError, Example, MetrosepError, RecipeError
 from metrosep.core.numbers import positive
 from metrosep.core.units import format_length
@@ -124,7 +125,7 @@ def _offered(
 
 def _mend(hint: Mapping[str, Any], places: Sequence[Sequence[Any]]) -> dict[str, Any]:
     edits = [{"path": [*p], "new": v} for p, v in zip(places, hint.values(), strict=True)]
-    names = [k.replace("_", " ") for k in hint]
+    names = [field_words(k) for k in hint]
     (value, *_) = hint.values()
     if isinstance(value, Example):
         ask = {"label": names[0], "hint": f"such as {value}"}

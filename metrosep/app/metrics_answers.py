@@ -19,14 +19,12 @@ from metrosep.app.wire import (
     Tell,
     level_of,
     number_or_none,
-    page_words,
     plain,
 )
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.recipe.pipeline import CancelledError, Stage, usual_names
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.result import Result
-from metrosep.recipe.step_help import step_words
 
 __all__ = ["metrics"]
 
@@ -52,9 +50,7 @@ def metrics(session: Session, message: Message, cancel: Cancel, tell: Tell) -> A
     tell({"k": "progress", "text": "separating" if opened.kind == "runs" else "computing"})
     result, refused = as_far_as_it_goes(opened.material, recipe, cancel)
     header |= _of_document(result, session)
-    return header | (
-        {"refused": page_words(session.words(str(refused)))} if refused is not None else {}
-    ), {}
+    return header | ({"refused": session.words(str(refused))} if refused is not None else {}), {}
 
 
 def as_far_as_it_goes(
@@ -99,7 +95,7 @@ def _of_document(result: Result, session: Session) -> dict[str, Any]:
         "is_preview": False,
         "verdict": result.verdict,
         "rows": list({row["symbol"]: row for row in rows}.values()),
-        "messages": [page_words(session.words(str(m))) for m in result.document["messages"]],
+        "messages": [session.words(str(m)) for m in result.document["messages"]],
         "stages": [],
     }
     return header | ({"checks": plain(checks)} if checks else {})
@@ -117,7 +113,7 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
         try:
             measured = with_sections(recipe, measured)
         except MetrosepError as exc:
-            refused = page_words(str(exc))  # the numbers of the steps are still shown
+            refused = session.words(str(exc), ())  # the numbers of the steps are still shown
     found = measured.found
     header: dict[str, Any] = {
         "hash": mark,
@@ -127,7 +123,7 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
         "messages": list(
             dict.fromkeys(
                 [
-                    *(m for s in outcome.stages for m in _words(s)),
+                    *(m for s in outcome.stages for m in _words(session, s)),
                     *(m for s in measured.sections for m in s.messages),
                 ]
             )
@@ -136,7 +132,7 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
             {
                 "index": s.index,
                 "seconds": s.seconds,
-                "messages": _words(s),
+                "messages": _words(session, s),
                 "centre": s.audit.get("centre_m"),
             }
             for s in outcome.stages
@@ -153,7 +149,7 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
             judged = judge_measurement(recipe, measured) if recipe.checks else None
         except MetrosepError as exc:
             # a limit of what is not there: the numbers are still shown
-            header["refused"] = page_words(str(exc))
+            header["refused"] = session.words(str(exc), ())
             header["mends"] = session.mends(exc)
         else:
             if judged is not None:
@@ -174,9 +170,9 @@ def _lost(recipe: Recipe, outcome: Outcome, there: set[str]) -> list[dict[str, A
     return [{"symbol": n, **empty} for n in dict.fromkeys(names) if n not in there | {"all"}]
 
 
-def _words(stage: Stage) -> list[str]:
+def _words(session: Session, stage: Stage) -> list[str]:
     """Return the messages of a step in the words of its recipe, as the command line has them."""
-    return [page_words(step_words(m, stage.op)) for m in stage.messages]
+    return [session.words(m, [stage.op]) for m in stage.messages]
 
 
 def _row(symbol: str, quantity: Any, *, preview: bool) -> dict[str, Any]:

@@ -199,6 +199,11 @@ class Operation:
                 raise DataError(f"there is no request {kind!r}")
             return self.state()
 
+    def words(self, error: MetrosepError) -> str:
+        """Return an error as the page says it: names of files and serial numbers stay."""
+        part = () if self.part is None else (self.part.serial,)
+        return page_words(str(error), [self.path, *part, *self._seen, self.out, self.inbox])
+
     def _sign_on(self, name: str) -> None:
         if not _NAME.fullmatch(name):
             raise DataError("Type your name: it stands in the report of each part.")
@@ -381,7 +386,7 @@ def make_operator_app(operation: Operation, *, port: int, token: str) -> Starlet
             message = await _message(request)
             return JSONResponse(await run_in_threadpool(operation.act, message))
         except MetrosepError as exc:
-            return JSONResponse({"message": page_words(str(exc))}, status_code=400)
+            return JSONResponse({"message": operation.words(exc)}, status_code=400)
         except OSError as exc:
             said = f"Nothing was kept of this ({exc}): mend that, then do it again."
             return JSONResponse({"message": said}, status_code=500)

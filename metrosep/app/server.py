@@ -108,7 +108,7 @@ def make_app(places: Places, *, port: int, token: str, first: Sequence[str] = ()
         try:
             session.open(first)
         except MetrosepError as exc:
-            waiting["error"] = {**_failed(exc, None, "open"), "paths": list(first)}
+            waiting["error"] = {**_failed(exc, None, "open", first), "paths": list(first)}
 
     async def page(request: Request) -> Response:
         refused = _refused(guard, request)
@@ -237,7 +237,16 @@ def _too_large(name: str, largest: int) -> str:
     )
 
 
-def _failed(error: MetrosepError, number: Any, kind: Any) -> dict[str, Any]:
+def _named(message: Mapping[str, Any]) -> list[str]:
+    """Return the names of files in a request, which stay as they are in what is said of it."""
+    several = message.get("paths")
+    found = [message.get("path"), *(several if isinstance(several, list) else ())]
+    return [name for name in found if isinstance(name, str)]
+
+
+def _failed(
+    error: MetrosepError, number: Any, kind: Any, names: Sequence[object] = ()
+) -> dict[str, Any]:
     ask = (
         {
             "name": error.name,
@@ -250,7 +259,11 @@ def _failed(error: MetrosepError, number: Any, kind: Any) -> dict[str, Any]:
         else None
     )
     return error_header(
-        page_words(str(error)), code=exit_code_of(error), request=number, k=kind, ask=ask
+        page_words(str(error), names),
+        code=exit_code_of(error),
+        request=number,
+        k=kind,
+        ask=ask,
     )
 
 
@@ -367,9 +380,11 @@ class _Talk:
         except CancelledError:
             return {**error_header("cancelled", code=130, request=number, k=kind)}, {}
         except MetrosepError as exc:
-            header = _failed(exc, number, kind)
+            header = _failed(exc, number, kind, _named(message))
             if kind != "open":  # what cannot be opened says nothing about the open recipe
-                header["error"]["message"] = page_words(self.answers.session.words(str(exc)))
+                header["error"]["message"] = self.answers.session.words(
+                    str(exc), names=_named(message)
+                )
             if kind == "edit" and isinstance(exc, RecipeError):
                 header["error"]["mends"] = self.answers.session.mends(exc, edits_of(message))
             elif kind in OF_RUNS:

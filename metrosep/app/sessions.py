@@ -7,7 +7,7 @@ import itertools
 import threading
 import time
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -209,7 +209,7 @@ class Session:
         """Return the step that could not be run, why, and what may be done."""
         index, error = outcome.failed, outcome.error
         mends = [] if index is None or error is None else mends_of_step(self._need(), index, error)
-        return {"index": index, "message": page_words(str(error)), "mends": mends}
+        return {"index": index, "message": self.words(str(error), ()), "mends": mends}
 
     def mends(
         self, error: MetrosepError, edits: Sequence[Edit] | None = None
@@ -271,13 +271,20 @@ class Session:
     def _said(self) -> list[str]:
         return [*self.messages, *filter(None, [self.keeper.notice, self.keeper.problem])]
 
-    def words(self, message: str) -> str:
-        """Return a message of the library in the words of the recipe, as ``metrosep run`` has it."""
+    def words(
+        self, message: str, ops: Iterable[str] | None = None, names: Iterable[object] = ()
+    ) -> str:
+        """Return a message of the library as the page says it; the names of its files, and those given, stay."""
         with self.lock:
-            document = self.document
-        for step in () if document is None else document.recipe.steps:
-            message = step_words(message, step["op"])
-        return message
+            document, opened = self.document, self.opened
+        if document is not None:
+            names = [*names, document.name]
+            ops = [step["op"] for step in document.recipe.steps] if ops is None else ops
+        if opened is not None:
+            names = [*names, *opened.files, opened.home, opened.kept]
+        for op in ops or ():
+            message = step_words(message, op)
+        return page_words(message, names)
 
     def close(self) -> None:
         """Forget the measurement; the recipe was kept with each edit."""

@@ -12,8 +12,8 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path, PurePath
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -30,6 +30,7 @@ __all__ = [
     "Message",
     "Tell",
     "error_header",
+    "field_words",
     "level_of",
     "number_or_none",
     "pack",
@@ -129,20 +130,35 @@ def unpack(
     return header, arrays
 
 
+_OWN = r"(?<![\w/\\.-])([a-z]\w*)"
+"""A key that is not a part of the name of a file."""
 _SWITCH = re.compile(
-    r"\b(?:write|set|state|give|say) ([a-z]\w*) = (true|false)(?: here| there)?\b"
+    rf"\b(?:write|set|state|give|say) {_OWN} = (true|false)\b(?!\.\w)(?: here| there)?"
 )
 _PAIR = re.compile(
-    r"\b([a-z]\w*) ?= ?(?:\"([^\"]*)\"|'([^']*)'|(-?\d[\w.+-]*|true|false))(?: in \[\w+\]| here\b| there\b)?"
+    rf"{_OWN} ?= ?(?:\"([^\"]*)\"|'([^']*)'|(-?\d[\w.+-]*|(?:true|false)\b)(?![/\\]|\.\w))"
+    r"(?: in \[\w+\]| here\b| there\b)?"
 )
-_NAMED = re.compile(r"\b([a-z]\w*)=(?=[\s,;.)]|$)")
+_NAMED = re.compile(rf"{_OWN}=(?=[\s,;)]|\.(?!\w)|$)")
+_BAND = re.compile(r"\blambda_(?=[a-z]\b)")
+_SUFFIX = re.compile(r"\.[A-Za-z]")
 _TURNS = re.compile("[\u202a-\u202e\u2066-\u2069]")
 """What turns the direction of letters: in the name of a file it would turn the sentence."""
-_LINE = re.compile(r"(?:^|(?<= ))[^\s:]+\.toml:\d+: ")
+_KEPT = 0xF0000
+"""First letter for private use: each stands for a name of a file until the sentence is made."""
+_MARKS = f"[{chr(_KEPT)}-{chr(0x10FFFF)}]"
+_LINE = re.compile(
+    r"(?:\A(?:[A-Za-z]:)?[^\n:(]*\.toml|"
+    rf"(?<![^ (])[^\s:(]*(?:\.toml|{_MARKS})):\d+: "
+)
+_HEAD = rf"\A(?:[A-Za-z]:)?[^\n:;]*\.[A-Za-z]\w{{0,7}}(?=: )|{_MARKS}"
+"""The name of a file before what is said of it."""
 
 
-def page_words(message: str) -> str:
+def page_words(message: str, names: Iterable[object] = ()) -> str:
     """Return a message without the grammar of recipes and Python: the page has fields, not keys.
+
+    Names of files stay as they are: those given, and the one that the message begins with.
 
     Examples
     --------
@@ -150,20 +166,36 @@ def page_words(message: str) -> str:
     'give the middle of the groove, or write lateral step 3 um'
     >>> page_words("put that step first, or write intermediate = true here")
     'put that step first, or switch intermediate on'
+    >>> page_words("gain=2.toml: exists already; write n = 3")
+    'gain=2.toml: exists already; write n 3'
     """
 
     def switched(found: re.Match[str]) -> str:
-        return f"switch {_field(found[1])} {'on' if found[2] == 'true' else 'off'}"
+        return f"switch {field_words(found[1])} {'on' if found[2] == 'true' else 'off'}"
 
     def pair(found: re.Match[str]) -> str:
         value = next(v for v in found.groups()[1:] if v is not None)
-        return f"{_field(found[1])} {'' if '...' in value else value}".rstrip()
+        if found[4] and _SUFFIX.search(value):
+            return found[0]  # the name of a file
+        return f"{field_words(found[1])} {'' if '...' in value else value}".rstrip()
 
-    text = _SWITCH.sub(switched, _LINE.sub("", _TURNS.sub("\ufffd", message)))
-    return _NAMED.sub(lambda m: _field(m[1]), _PAIR.sub(pair, text))
+    kept: list[str] = []
+
+    def keep(found: re.Match[str]) -> str:
+        kept.append(found[0])
+        return chr(_KEPT + len(kept) - 1)
+
+    known = {_TURNS.sub("\ufffd", t) for n in names for t in (str(n), PurePath(str(n)).name)}
+    longest = sorted(filter(None, known), key=len, reverse=True)
+    files = "|".join([*(rf"(?<!\w){re.escape(n)}(?!\w)" for n in longest), _HEAD])
+    text = re.sub(files, keep, _TURNS.sub("\ufffd", message))
+    text = _SWITCH.sub(switched, _LINE.sub("", text))
+    text = _NAMED.sub(lambda m: field_words(m[1]), _PAIR.sub(pair, text))
+    return re.sub(_MARKS, lambda m: kept[ord(m[0]) - _KEPT], _BAND.sub("\u03bb", text))
 
 
-def _field(key: str) -> str:
+def field_words(key: str) -> str:
+    """Return what the page calls a key."""
     return key.replace("lambda_", "\u03bb").replace("_", " ")
 
 

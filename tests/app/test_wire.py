@@ -30,6 +30,49 @@ def test_letters_that_turn_a_sentence_are_shown_as_marks():
     assert page_words('x"\u202e.toml is not a map') == 'x"\ufffd.toml is not a map'
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "part_v=2.x3p",
+        "a=1/part.csv",
+        "/d/my gain=2 (b=3).csv",
+        "a=true.x3p",
+        "x=.csv",
+        "lambda_c.txt",
+        "q=1-2.csv",
+    ],
+)
+def test_the_name_of_a_file_is_no_grammar(name):
+    assert page_words(f"{name}: there is no such file") == f"{name}: there is no such file"
+    said = f"write n = 3, {name} has none"
+    assert page_words(said, [name]) == f"write n 3, {name} has none"
+    assert page_words(said, [f"/some/where/{name}"]) == f"write n 3, {name} has none"
+
+
+def test_names_without_blanks_stay_also_where_nobody_names_them():
+    said = "the session of part_v=2.x3p is not that of a=1/b.csv; give unit = 'um'"
+    kept = "the session of part_v=2.x3p is not that of a=1/b.csv; give unit um"
+    assert page_words(said) == kept
+
+
+def test_the_line_of_a_recipe_goes_with_its_whole_name():
+    assert page_words("my part.toml:15: bad") == "bad"
+    assert (
+        page_words("it is not used (my part.toml:15: bad)", ["my part.toml"])
+        == "it is not used (bad)"
+    )
+    assert page_words("it is not used (part.toml:15: bad)") == "it is not used (bad)"
+
+
+def test_limits_of_a_band_have_one_name_each():
+    said = 'needs lambda_s, lambda_c or both, or lambda_c = "0.8 mm"'
+    assert page_words(said) == "needs \u03bbs, \u03bbc or both, or \u03bbc 0.8 mm"
+
+
+def test_a_short_name_leaves_words_whole():
+    assert page_words("write radius = 3 to a", ["a", "r"]) == "write radius 3 to a"
+
+
 def test_a_frame_byte_by_byte():
     arrays = {"index": np.array([[1, 2, 3]], dtype="u1"), "low": np.array([1.5, -2.0], dtype="f4")}
     frame = pack({"id": 7, "k": "map", "ok": True}, arrays)
