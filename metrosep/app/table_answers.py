@@ -18,7 +18,7 @@ from metrosep.app.mends import mends_of_table
 from metrosep.app.opening import Opened
 from metrosep.app.separations import Separations, described_controllers, machine_facts, sign_words
 from metrosep.app.sessions import Session, mark_of
-from metrosep.app.wire import Answer, Arrays, Cancel, Message, Tell, plain
+from metrosep.app.wire import Answer, Arrays, Cancel, Message, Tell, page_words, plain
 from metrosep.compensation.measured import Folds
 from metrosep.compensation.sampling import USUAL_ENTRIES, rounded_spacing
 from metrosep.compensation.table import CompensationTable
@@ -303,7 +303,7 @@ def _refusal(
     exc: MetrosepError, wanted: Wanted, findings: list[dict[str, Any]], folder: str = ""
 ) -> dict[str, Any]:
     """Return why a table is refused, by which check, and what would help."""
-    words = str(exc).replace(f"{folder}{os.sep}", "") if folder else str(exc)
+    words = page_words(str(exc).replace(f"{folder}{os.sep}", "") if folder else str(exc))
     open_ones = [f for f in findings if f["level"] == "error" and f["check"] not in wanted.waive]
     checks = list(dict.fromkeys(f["check"] for f in open_ones))
     if isinstance(exc, SignNotConfirmedError):

@@ -366,7 +366,7 @@ def _made_up(method: type[Method]) -> tuple[dict[str, Any], dict[str, Any], list
         if "?" not in kind or name in ("target", "direction", "readings"):
             source[name] = _column(name, kind)
     if method.verb == "geometry":
-        source |= {k: f"{k}_mm" for k in ("x", "y", "z")}
+        source |= {k: f"{k}_mm" for k in ("x", "y", "z") if k in method.roles}
     needed = {k: f for k, f in method.fields.items() if f.required and k != "op"}
     return source, {k: _value(f) for k, f in needed.items()}, files
 

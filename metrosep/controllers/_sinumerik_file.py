@@ -384,7 +384,7 @@ def check_turns(axis: str, key: str, turns: bool) -> None:
         raise DataError(
             f"the table has axis {axis}, which {'does not turn' if turns else 'turns'}: say "
             f"{key}={not turns} (a file has degrees for an axis that turns, else mm)"
-        )
+        ).hinting(**{key: not turns})
 
 
 def check_count(

@@ -171,6 +171,7 @@ def test_every_exported_class_has_the_contract_or_is_a_record_or_says_why_not():
     lacking = {}
     for known, name in exported().items():
         frozen = dataclasses.is_dataclass(known) and known.__dataclass_params__.frozen
+        frozen |= issubclass(known, tuple) and hasattr(known, "_fields")
         if issubclass(known, PublicObject):
             assert known.__eq__ is not object.__eq__, name
             assert known.__repr__ is not object.__repr__, name

@@ -64,7 +64,7 @@ def test_nothing_outside_is_listed(folder: Path, path: str) -> None:
 
 
 def test_a_pipe_is_neither_listed_nor_read(folder: Path) -> None:
-    with pytest.raises(ReadError, match="no such file"):
+    with pytest.raises(ReadError, match="not a regular file"):
         answers(folder).answer({"k": "thumbnail", "path": str(folder / "pipe")})
 
 

@@ -430,7 +430,7 @@ def test_a_sign_that_is_not_documented_waits_for_a_trial(work):
 def test_the_dialect_itself_refuses_another_axis(work):
     header, arrays = work(controller="linuxcnc")()
 
-    assert "cross_axis" in refused(header)["message"]
+    assert "cross axis" in refused(header)["message"]
     assert refused(header)["check"] == "format"
     assert not refused(header)["waivable"]
     assert arrays["forward"].size == 101

@@ -14,7 +14,8 @@ OWN = sorted(p for p in STATIC.iterdir() if p.suffix in (".js", ".css", ".html")
 READABLE = 4.5
 """Contrast of text after WCAG 2, level AA."""
 
-LONGEST = 350
+LONGEST = 400
+"""Lines of a module: a concept, of which house.md allows 700 in Python."""
 
 
 def luminance(colour: str) -> float:
@@ -82,7 +83,7 @@ def test_modules_are_checked_short_and_do_not_ask_the_locale(file: Path) -> None
 @pytest.mark.parametrize("name", ["map", "section", "spectrum", "density", "profile", "colourbar"])
 def test_widgets_have_the_shape_of_anywidget(name: str) -> None:
     text = (STATIC / f"{name}.js").read_text(encoding="utf-8")
-    assert "function render({ model, el })" in text
+    assert "function render({ model, el" in text
     assert "export default { render };" in text
 
 

@@ -20,7 +20,7 @@ MADE = [
     *(
         getattr(errors, name)("what, where; what to do")
         for name in errors.__all__
-        if name not in ("CorruptFileError", "RecipeError")
+        if name not in ("CorruptFileError", "RecipeError", "Example")
     ),
 ]
 
