@@ -678,6 +678,28 @@ HABITS = {
 }
 
 
+TITLED = ["Straightness guide", "Mean error", "  Position error", "Weg Abweichung"]
+
+
+@pytest.mark.parametrize("title", [*TITLED, "Roughness profile"])
+@pytest.mark.parametrize("mark", [" ", "\t"])
+def test_a_title_above_numbered_rows_is_no_row_of_names(put, title, mark):
+    """The first column counts like the rows of pandas, and may as well be the position."""
+    rows = [mark.join(f"{v}" for v in (k, 0.5 * k, k * k)) for k in range(5)]
+
+    with pytest.raises(ms.errors.ReadError, match=r"neither a row of 3 names|without names"):
+        ms.read(put("\n".join([title, *rows, ""])), unit="um")
+    named = ms.read(put("\n".join([title, f"# k{mark}x_mm{mark}z_um", *rows, ""])))
+    assert named.x.tolist() == [0.5e-3 * k for k in range(5)]
+
+
+def test_names_without_units_right_above_numbered_columns_are_names(put):
+    rows = [f"{k}  {0.5 * k:4.2f}  {k * k:4d}" for k in range(5)]  # pandas and R print so
+    found = ms.read(put("\n".join(["      x     z", *rows, ""])), x="x:mm", z="z:um")
+
+    assert found.x.tolist() == [0.5e-3 * k for k in range(5)]
+
+
 @pytest.mark.parametrize("habit", HABITS)
 def test_habits_of_writers_change_no_value(tmp_path, habit):
     path = tmp_path / "data.csv"
