@@ -157,8 +157,8 @@ def calibrate(
     for file in result.files:
         say(f"wrote {file}")
     if out is not None:
-        sets = [*result.produced.found.sets.values()]
-        where, why = _where_it_was_read(chain_of(machine, options), out, sets)
+        found = [*result.produced.found.sets.values()]
+        where, why = _where_it_was_read(chain_of(machine, options), out, found)
         line = [machine, out, *preset_words(options), *where]
         if not why:
             say_next("machine-tables", *line, "-o", "tables")
