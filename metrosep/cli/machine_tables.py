@@ -654,7 +654,10 @@ def _no_table(wanted: Mapping[tuple[tuple[str, ...], str], tuple[Any, Any, float
 
     shifts = {axis: off for (_, axis), (_, _, _, off) in wanted.items() if abs(off) >= ZERO}
     if not shifts:
-        return "no axis needs a correction here: the ERRORS do not move the tool point"
+        return (
+            "no axis needs a correction here: the ERRORS do not move the tool point where --at and --tool put "
+            "it (the end of the tool branch if omitted); an angle acts through an arm, so state those of the work"
+        )
     over = ", ".join(dict.fromkeys(a for looked, _ in wanted for a in looked))
     sizes = ", ".join(f"{a} {format_length(off, digits=4)}" for a, off in sorted(shifts.items()))
     return (

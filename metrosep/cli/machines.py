@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -22,6 +23,7 @@ from metrosep.cli.options import (
     preset_words,
     say,
     say_next,
+    typed_line,
 )
 from metrosep.cli.shortcut import list_of, listed, own_recipe, quoted
 
@@ -155,78 +157,134 @@ def calibrate(
     for file in result.files:
         say(f"wrote {file}")
     if out is not None:
-        own = preset_words(options)
-        poses = [s.q for s in result.produced.found.sets.values()]
-        where = _where_it_was_read(chain_of(machine, options), out, poses)
-        if where:
-            say_next("machine-tables", machine, out, *own, *where, "-o", "tables")
+        found = [*result.produced.found.sets.values()]
+        where, why = _where_it_was_read(chain_of(machine, options), out, found)
+        line = [machine, out, *preset_words(options), *where]
+        if not why:
+            say_next("machine-tables", *line, "-o", "tables")
         else:
-            say(
-                "note: no table is needed: over each axis these errors shift the tool point by the same "
-                "everywhere, which is an offset of the axes in the control"
-            )
+            typed = f", {typed_line('machine-tables', *line, '--tool', _EXAMPLE, '-o', 'tables')}"
+            say(f"note: {why}{typed if where else ''}")
     return 0
 
 
 _STEPS = 10
-"""Of the first table that is proposed, along its travel."""
+"""Of the first table that is proposed, along its travel; up to three times as many to make its zero a node."""
+
+_EXAMPLE = "0 mm,0 mm,-150 mm"
+_ARM = 0.1
+"""m: whether an error acts at all, where the tool point is elsewhere."""
 
 
-def _where_it_was_read(chain: Chain, out: str, poses: Sequence[Mapping[str, Any]]) -> list[str]:
+def _where_it_was_read(chain: Chain, out: str, sets: Sequence[Any]) -> tuple[list[str], str]:
     """Return the options of tables over axes along which the errors change, those that were read first.
 
-    The axes that turn and have errors come first, then the linear ones; empty where no table holds anything.
+    The axes that turn and have errors come first, then the linear ones. Where no table takes anything off at the
+    places and tool points that were read, the second is why; there are options still where a longer tool would.
     """
     import numpy as np
 
     from metrosep.cli.error_files import terms_of
     from metrosep.compensation.from_machine import moves_somewhere
+    from metrosep.machine.elements import term_unit
 
     kinds = chain.dimensions
     terms, known = terms_of((out,), kinds)
+    if not terms.values:
+        return [], (
+            "the readings determine no term, so there is nothing for a table: read more set-ups, or name the terms "
+            "that are at work with --terms"
+        )
 
     def typed(value: float, axis: str) -> str:
         return (
             f"{math.degrees(value):.6g} deg" if kinds[axis] == "angle" else f"{1e3 * value:.6g} mm"
         )
 
-    def span(axis: str) -> tuple[float, float]:
-        return known.get(axis) or _range_read(axis, kinds[axis], poses)
-
     moving = [e for e in chain.elements if e.kind != "fixed" and not e.parked]
     names = [e.name for e in sorted(moving, key=lambda e: (e.kind == "rotary", e.name))]
+    stood = {a: _stood([s.q for s in sets], a) for a in names}
+    span = {e.name: known.get(e.name) or _range_read(e, stood[e.name]) for e in moving}
+    ends = {a: known.get(a) or (float(v[0]), float(v[-1])) for a, v in stood.items()}
     read = [a for a in names if any(str(term).endswith(a) for term in terms.values)]
-    place = {a: min(max(0.0, known[a][0]), known[a][1]) if a in known else 0.0 for a in names}
     usual = [a for a in read if kinds[a] == "angle"][:2] or (read or names)[:1]
     turning = [a for a in names if kinds[a] == "angle"][:2]
-    for over in (usual, turning, *([a] for a in names)):
-        positions = {a: np.linspace(*span(a), _STEPS + 1) for a in over}
+    moved = [a for a in names if a in known or stood[a].size > 1]
+    tried = [over for over in (usual, turning, *([a] for a in moved)) if over]
+    steps = {a: _steps_through_zero(*span[a]) for a in names}
+    # first where the others are nearest to their zero, then at the ends of what was read
+    places = [{a: min(max(0.0, ends[a][0]), ends[a][1]) for a in names}]
+    places += [p for k in (0, 1) if (p := {a: ends[a][k] for a in names}) not in places]
+    tools = dict.fromkeys(
+        ((0.0, 0.0, 0.0), *(tuple(map(float, t)) for s in sets for t in _rows(s.tool)))
+    )
+    arms = [tuple(_ARM * v for v in row) for row in np.eye(3)]
+    for tool, place, over in itertools.product((*tools, *arms), places, tried):
+        positions = {a: np.linspace(*span[a], steps[a] + 1) for a in over}
         at = {a: v for a, v in place.items() if a not in over}
-        if over and moves_somewhere(chain, terms, positions, at):
+        if moves_somewhere(chain, terms, positions, at, tool):
             break
     else:
-        return []
-    spacing = [f"{a}={typed((span(a)[1] - span(a)[0]) / _STEPS, a)}" for a in over]
+        return [], (
+            "no table is needed: over each axis these errors shift the tool point by the same everywhere, which is "
+            "an offset of the axes in the control"
+        )
+    spacing = [f"{a}={typed((span[a][1] - span[a][0]) / steps[a], a)}" for a in over]
     words = ["--over", ",".join(over), "--spacing", ",".join(spacing)]
     for axis in (a for a in over if a not in known):
-        low, high = span(axis)
+        low, high = span[axis]
         words += ["--span", f"{axis}={typed(low, axis)}..{typed(high, axis)}"]
     for axis, value in at.items():
         words += ["--at", f"{axis}={typed(value, axis)}"]
-    return words
+    if tool not in tools:
+        angles = [str(t) for t in terms.values if term_unit(chain, str(t)) == "rad"]
+        return words, (
+            "at the places and the tool points that were read no table takes anything off; "
+            f"{', '.join(angles)} acts through the arm from the axis to the tool point: state where the axes and "
+            "the tool are in the work"
+        )
+    if any(tool):
+        words += ["--tool", ",".join(f"{1e3 * v:.6g} mm" for v in tool)]
+    return words, ""
 
 
-def _range_read(axis: str, kind: str, poses: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
-    """Return the range in which an axis stood, a whole turn where its places go round."""
+def _rows(tool: Any) -> Any:
+    """Return the tool points of a set-up as rows."""
+    import numpy as np
+
+    return np.reshape(np.asarray(tool, dtype=np.float64), (-1, 3))
+
+
+def _stood(poses: Sequence[Mapping[str, Any]], axis: str) -> Any:
+    """Return the places at which an axis stood, rising; 0 of one that none of the set-ups names."""
     import numpy as np
 
     listed = [np.ravel(np.asarray(q[axis])) for q in poses if axis in q]
-    at = np.unique(np.round(np.concatenate(listed), 9)) if listed else np.zeros(1)
-    span = float(np.ptp(at))
+    return np.unique(np.round(np.concatenate(listed), 9)) if listed else np.zeros(1)
+
+
+def _range_read(element: Any, at: Any) -> tuple[float, float]:
+    """Return the range in which an axis stood, a whole turn within its travel where its places go round."""
+    low, high = float(at[0]), float(at[-1])
     turn = 2.0 * math.pi
-    if kind == "angle" and (at.size < 2 or span * at.size / (at.size - 1) > turn - 1e-6):
-        return 0.0, turn
-    return (float(at[0]), float(at[-1])) if span else (0.0, 0.4)
+    lowest, highest = (-math.inf, math.inf) if element.travel is None else element.travel
+    wanted = [(low, high)] if high > low else []
+    if element.kind == "rotary" and (
+        high == low or (high - low) * at.size / (at.size - 1) > turn - 1e-6
+    ):
+        wanted = [(0.0, turn), (low, low + turn), (high - turn, high), *wanted]
+    elif not wanted:
+        wanted = [(0.0, 0.4)]
+    inside = [s for s in wanted if lowest - 1e-9 <= s[0] and s[1] <= highest + 1e-9]
+    return inside[0] if inside else (float(lowest), float(highest))
+
+
+def _steps_through_zero(low: float, high: float) -> int:
+    """Return how many equal steps a table has that make 0 a node, where it lies within."""
+    counts = range(_STEPS, 3 * _STEPS + 1)
+    nodes = ((n, -low * n / (high - low)) for n in counts)
+    whole = [n for n, k in nodes if abs(k - round(k)) < 1e-6]
+    return whole[0] if low < 0.0 < high and whole else _STEPS
 
 
 _PLACES = 5

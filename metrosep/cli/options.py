@@ -43,6 +43,7 @@ __all__ = [
     "say_next",
     "table_options",
     "tool_option",
+    "typed_line",
     "with_expansion",
 ]
 
@@ -422,9 +423,14 @@ def missing_options(missing: Sequence[str], file: str | None, *hints: str) -> cl
 
 def say_next(command: str, *words: object) -> None:
     """Print the command that one would type next, as the last line."""
+    say(f"next: {typed_line(command, *words)}")
+
+
+def typed_line(command: str, *words: object) -> str:
+    """Return a command as one types it."""
     marks = (("'" if '"' in w else '"', w) for w in map(str, words))
     typed = " ".join(w if re.fullmatch(r"[\w.,=:/*+-]+", w) else f"{q}{w}{q}" for q, w in marks)
-    say(f"next: metrosep {command} {typed}")
+    return f"metrosep {command} {typed}"
 
 
 def preset_words(options: Mapping[str, Any]) -> list[str]:

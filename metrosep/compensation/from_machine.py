@@ -381,12 +381,16 @@ def axis_error(made: MachineTables, axis: str) -> tuple[Callable[..., Any], floa
 
 
 def moves_somewhere(
-    chain: Chain, terms: Any, positions: Mapping[str, Any], at: Mapping[str, float]
+    chain: Chain,
+    terms: Any,
+    positions: Mapping[str, Any],
+    at: Mapping[str, float],
+    tool: ArrayLike = (0.0, 0.0, 0.0),
 ) -> bool:
     """Whether a table over these axes, one or two, would hold anything; what refuses it is for the table to say."""
     try:
-        made = tables_over(chain, terms, tuple(positions), positions, None, at=at)
-    except DataError:
+        made = tables_over(chain, terms, tuple(positions), positions, None, at=at, tool=tool)
+    except (DataError, TableError, NotConvergedError):
         return True
     return any(axis_error(made, axis)[1] >= ZERO for axis in made)
 

@@ -444,13 +444,15 @@ def parsed(data: bytes, path: Path) -> Chain:
     """Return what the file says; the wiring must be, word for word, that of `hal_lines`."""
     rows = _rows(data, path)
     name = r"comp(?:-[\da-f]-[\da-f])?"
-    source = int(_found(rows, rf"net {name}-position joint\.(\d{{1,2}})\.pos-cmd", path))
+    joint = rf"net {name}-position joint\.(\d{{1,2}})\.pos-cmd"
+    source = int(_found(rows, joint, path, "net comp-position joint.N.pos-cmd"))
     motor = rf"net {name}-motor joint\.(\d{{1,2}})\.motor-pos-cmd {name}-cmd\.in0"
-    target = int(_found(rows, motor, path))
-    prefix = _found(rows, rf"loadrt lincurve names=({name})-0(?:,\S+)? personality=\S+", path)
+    target = int(_found(rows, motor, path, "net comp-motor joint.N.motor-pos-cmd comp-cmd.in0"))
+    loaded = rf"loadrt lincurve names=({name})-0(?:,\S+)? personality=\S+"
+    prefix = _found(rows, loaded, path, "loadrt lincurve names=comp-0,... personality=...")
     if prefix != "comp":
         prefix = Chain.prefix_of(source, target)
-    thread = _found(rows, rf"addf {name}-fb ({THREAD.pattern})", path)
+    thread = _found(rows, rf"addf {name}-fb ({THREAD.pattern})", path, "addf comp-fb THREAD")
     chain = Chain(_curves(rows, prefix, path), source, target, thread, prefix)
     wanted = hal_lines(chain)
     for (number, text), line in zip(rows, wanted, strict=False):
@@ -499,17 +501,22 @@ def _rows(data: bytes, path: Path) -> list[tuple[int, str]]:
     return rows
 
 
-def _found(rows: Sequence[tuple[int, str]], pattern: str, path: Path) -> str:
+def _found(rows: Sequence[tuple[int, str]], pattern: str, path: Path, shown: str) -> str:
     for _, line in rows:
         match = re.fullmatch(pattern, " ".join(line.split()))
         if match:
             return match[1]
-    raise damaged(path, "a line of the wiring is missing", expected=pattern.replace("\\", ""))
+    raise damaged(
+        path,
+        "a line of the wiring is missing or its prefix is not comp or comp-N-N",
+        expected=shown,
+    )
 
 
 def _curves(rows: Sequence[tuple[int, str]], prefix: str, path: Path) -> tuple[Curve, ...]:
     """Return the points of the curves in their order, checked to be a chain."""
-    sizes = _found(rows, r"loadrt lincurve names=\S+ personality=(\d{1,2}(?:,\d{1,2})*)", path)
+    loaded = r"loadrt lincurve names=\S+ personality=(\d{1,2}(?:,\d{1,2})*)"
+    sizes = _found(rows, loaded, path, "loadrt lincurve names=... personality=16,16,...")
     counts = [int(s) for s in sizes.split(",")]
     if len(counts) > MAX_CURVES or not all(2 <= c <= POINTS_PER_CURVE for c in counts):
         raise damaged(

@@ -202,8 +202,7 @@ class NeutralMap(Dialect):
         )
         corrected = "urad" if is_rotary(table.compensates) else "um"
         names = tuple(a.lower() for a in table.axes)
-        # exchanged x and y are read as a damaged file: such axes are in the sidecar alone
-        if names == _PLAIN[::-1] or not all(map(_COLUMN.fullmatch, names)):
+        if not all(map(_COLUMN.fullmatch, names)):  # such axes are in the sidecar alone
             names = _PLAIN
         lines = [f"{names[0]}_{units[0]},{names[1]}_{units[1]},correction_{corrected}"]
         lines += [
@@ -214,9 +213,7 @@ class NeutralMap(Dialect):
         return Encoded(joined(lines), 0.0)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        columns = (
-            r"(?!y_\w*,x_)[a-z][a-z0-9]*_(mm|rad),[a-z][a-z0-9]*_(mm|rad),correction_(um|urad)"
-        )
+        columns = r"[a-z][a-z0-9]*_(mm|rad),[a-z][a-z0-9]*_(mm|rad),correction_(um|urad)"
         header, lines, values = _rows(
             data, path, "map", columns, (4, "nodes"), "x_mm,y_mm,correction_um"
         )

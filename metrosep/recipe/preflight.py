@@ -404,9 +404,11 @@ def machine_limits(output: Mapping[str, Any], place: Place) -> dict[str, Any]:
         text = str(exc)
         if place.file != COMMAND:
             from metrosep.recipe.table_words import table_words
+            from metrosep.recipe.written.overrides import toml_text
 
-            keys = ", ".join(f'{k} = "{v}"' for hint in exc.hints for k, v in hint.items())
-            text = table_words(text, name) + (f": write machine = {{ {keys} }}" if keys else "")
+            wanted = {**given, **{k: v for hint in exc.hints for k, v in hint.items()}}
+            text = table_words(text, name)
+            text += f": write machine = {toml_text(wanted)}" if exc.hints else ""
         named = text.startswith("unknown machine")
         raise place.error(text if named else f"machine {text}", "machine") from None
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
+from importlib.resources import files
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -41,8 +44,8 @@ class Done(NamedTuple):
 
 
 def calibrated(call, folder, *words):
-    files = [str(folder / f"ball_{n}.csv") for n in (1, 2, 3)]
-    return call("calibrate", "five_axis", *files, "--pivot-height", "80 mm", *words)
+    sheets = [str(folder / f"ball_{n}.csv") for n in (1, 2, 3)]
+    return call("calibrate", "five_axis", *sheets, "--pivot-height", "80 mm", *words)
 
 
 def test_planted_errors_come_back_and_go_on_to_the_tables(call, folder, truth, tmp_path):
@@ -146,7 +149,7 @@ def test_a_line_that_stands_beside_its_place_is_an_offset_and_needs_no_table(
 
 
 def test_the_last_line_proposes_tables_over_what_was_read(call, folder, tmp_path, monkeypatch):
-    """A was read from -90 to 30 deg: its location errors alone do not say so."""
+    """A was read from -90 to 30 deg: its location errors alone do not say so; its zero is a node."""
     monkeypatch.chdir(tmp_path)
     sets = [str(folder / f"ball_{i}.csv") for i in (1, 2, 3)]
     done = call(
@@ -154,14 +157,89 @@ def test_the_last_line_proposes_tables_over_what_was_read(call, folder, tmp_path
         "--terms", "Y0A,Z0A,B0A,C0A,X0C,Y0C,A0C,B0C,C0Y,B0Z,A0Z,EXC,EZC", "-o", "terms",
     )  # fmt: skip
     last = done.err.splitlines()[-1]
-    assert '--over A,C --spacing "A=12 deg,C=36 deg" --span "A=-90 deg..30 deg"' in last
+    assert '--over A,C --spacing "A=10 deg,C=36 deg" --span "A=-90 deg..30 deg"' in last
     made = call(*shlex.split(last.removeprefix("next: metrosep ")))
     assert made.code == 0, made.err
+    assert "not a node" not in made.err
+    assert "at the reference" not in made.err
+
+
+def test_the_last_line_stays_in_the_travels_of_the_machine(call, folder, tmp_path, monkeypatch):
+    """A Z that does not reach its zero, and a C that goes round within -185 to 185 deg."""
+    monkeypatch.chdir(tmp_path)
+    preset = files("metrosep.machine").joinpath("presets_data")
+    mill = preset.joinpath("mill_xyz.toml").read_text("utf-8")
+    Path("low.toml").write_text(
+        mill.replace('direction = "+Z"', 'direction = "+Z"\ntravel_mm = [-400, -100]'), "utf-8"
+    )
+    laser = (folder.parent / "mill_instruments" / "laser_linear.csv").read_text("utf-8")
+    Path("laser.csv").write_text(laser.replace('Z = "0 mm"', 'Z = "-200 mm"'), "utf-8")
+    done = call("calibrate", "low.toml", "laser.csv", "--terms", "EXX", "-o", "of_x")
+    assert done.code == 0, done.err
+    last = done.err.splitlines()[-1]
+    assert '--at "Z=-200 mm"' in last
+    assert call(*shlex.split(last.removeprefix("next: metrosep "))).code == 0
+
+    five = preset.joinpath("five_axis.toml").read_text("utf-8").split("[[element]]")
+    five[0] = five[0].partition("[parameters")[0]
+    five[-1] = five[-1].replace('"pivot_height"', "0.08")
+    five[-1] = five[-1].replace('direction = "-Z"', 'direction = "-Z"\ntravel_deg = [-185, 185]')
+    Path("round.toml").write_text("[[element]]".join(five), "utf-8")
+    sets = []
+    for n in (1, 2, 3):
+        head, *rows = re.split(r"(?m)^(?=[-\d])", (folder / f"ball_{n}.csv").read_text("utf-8"))
+        at = head.splitlines()[-1].split(",").index("C_deg")
+        turned = [r.split(",") for r in rows]
+        turned = [[*r[:at], f"{(float(r[at]) + 180) % 360 - 180:g}", *r[at + 1 :]] for r in turned]
+        sets.append(f"turned_{n}.csv")
+        Path(sets[-1]).write_text(head + "".join(",".join(r) for r in turned), "utf-8")
+    done = call("calibrate", "round.toml", *sets, "--terms", "X0C,Y0C,Y0A,Z0A", "-o", "c")
+    assert done.code == 0, done.err
+    last = done.err.splitlines()[-1]
+    assert '--span "C=-180 deg..180 deg"' in last
+    made = call(
+        *shlex.split(last.removeprefix("next: metrosep ").replace("-o tables", "-o round"))
+    )
+    assert made.code == 0, made.err
+
+
+def test_an_angle_alone_acts_through_the_arm_of_the_tool(call, folder, tmp_path, monkeypatch):
+    """A level on Y finds EAY: at the end of the tool branch with Z = 0 it moves nothing, below that it does."""
+    monkeypatch.chdir(tmp_path)
+    level = str(folder.parent / "mill_instruments" / "level.csv")
+    done = call("calibrate", "mill_xyz", level, "--terms", "EAY", "--degree", "Y=3", "-o", "terms")
+    last = done.err.splitlines()[-1]
+    assert "no table is needed" not in done.err
+    assert "EAY acts through the arm" in last
+    line = shlex.split(re.search(r"metrosep (machine-tables .*-o tables)", last)[1])
+    made = call(*line)
+    assert made.code == 0, made.err
+    where = line.index("--tool")
+    refused = call(*line[:where], *line[where + 2 : -1], "none")
+    assert refused.code == 2
+    assert "acts through an arm" in refused.err
+    # the tool tip stands 150 mm below: an angle about X moves it along Y by -(-0.15) times the angle
+    rows = [r.split(",") for r in Path("terms/Y.csv").read_text("utf-8").splitlines()]
+    at = next(i for i, name in enumerate(rows[0]) if name.startswith("EAY"))
+    angle = {float(r[0]): float(r[at]) for r in rows[1:]}
+    table = [r.split(",") for r in Path("tables/y-y.csv").read_text("utf-8").splitlines()]
+    _, first, *_, last_row = table
+    change = float(last_row[1]) - float(first[1])
+    error = 0.150 * (angle[float(last_row[0])] - angle[float(first[0])])
+    assert change == pytest.approx(-error, abs=1e-3)  # um: a nanometre
+
+
+def test_readings_that_determine_nothing_say_so(call, folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    laser = str(folder.parent / "mill_instruments" / "laser_linear.csv")  # along X: blind to roll
+    done = call("calibrate", "mill_xyz", laser, "--terms", "EAX", "-o", "terms")
+    assert done.code == 0, done.err
+    assert "determine no term" in done.err.splitlines()[-1]
 
 
 def test_untidy_files_of_readings_are_read(call, folder, truth, tmp_path):
     """Semicolons, decimal commas, a mark of Windows, columns in another order, lengths in m and mm."""
-    files = []
+    sheets = []
     for n in (1, 2, 3):
         lines = (folder / f"ball_{n}.csv").read_text("utf-8").splitlines()
         head = [line for line in lines if line.startswith("#")]
@@ -172,9 +250,9 @@ def test_untidy_files_of_readings_are_read(call, folder, truth, tmp_path):
         text += [";".join(row[i].replace(".", ",") for i in order) for row in rows]
         file = tmp_path / f"kugel {n}.txt"
         file.write_bytes(b"\xef\xbb\xbf" + "\r\n".join([*head, *text, ""]).encode("utf-8"))
-        files.append(str(file))
+        sheets.append(str(file))
     done = call(
-        "calibrate", "five_axis", *files, "--pivot-height", "80 mm", "--terms", TERMS, "--json"
+        "calibrate", "five_axis", *sheets, "--pivot-height", "80 mm", "--terms", TERMS, "--json"
     )
     assert done.code == 0, done.err
     found = json.loads(done.out)

@@ -48,6 +48,20 @@ def call(capsys, tmp_path, monkeypatch):
     return run
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_a_pipe_is_refused_at_once(tmp_path):
+    """Opening it would wait for a writer that never comes."""
+    os.mkfifo(tmp_path / "in.nc")
+    (tmp_path / "c.toml").write_text('C0Y = "20 urad"\n')
+    words = ["path", "in.nc", "--machine", "mill_xyz", "--error", "c.toml", "-o", "o.nc"]
+    done = subprocess.run(
+        [sys.executable, "-m", "metrosep", *words],
+        cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 4
+    assert "in.nc: is a device or a pipe; copy the program into a file first" in done.stderr
+
+
 def z_words(text):
     return [float(w[1:]) for w in text.split() if w.startswith("Z")]
 

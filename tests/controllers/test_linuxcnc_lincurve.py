@@ -513,6 +513,7 @@ class TestLincurve(DialectContract):
         ("setp comp-0-1-0.y-val-04 -0.0002000000", "setp comp-0-1-0.y-val-04 nan", "once"),
         ("setp comp-0-1-0.y-val-04 -0.0002000000", "setp comp-0-1-0.y-val-04 -2e-4", "once"),
         ("joint.0.pos-cmd", "joint.0.motor-pos-cmd", "wiring is missing"),
+        ("comp-0-1-position", "komp-position", "net comp-position joint.N.pos-cmd"),
         ("joint.1.motor-pos-fb", "joint.2.motor-pos-fb", "joint.1.motor-pos-fb"),
         ("addf comp-0-1-1 servo-thread", "addf comp-0-1-1 base-thread", "servo-thread"),
         ("\n", "\r\n", "control characters"),

@@ -1,6 +1,7 @@
 """Neutral map: a hand-written file, orientation and sign, what is refused."""
 
 import csv
+import hashlib
 import math
 import os
 from pathlib import Path
@@ -14,7 +15,7 @@ from metrosep import controllers
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers.base import sidecar_path
 from metrosep.controllers.neutral import NeutralMap
-from metrosep.errors import CorruptFileError, TableError
+from metrosep.errors import CorruptFileError, ReadError, TableError
 
 NOWHERE = Path(os.devnull)
 
@@ -108,13 +109,38 @@ def test_an_axis_in_the_unit_of_another_kind_is_refused(header):
 
 
 def test_axes_whose_names_make_no_columns_are_in_the_sidecar(tmp_path):
-    for axes in (("Y", "X"), ("joint 0", "joint 1")):
-        path = tmp_path / f"{axes[0]}.csv"
-        controllers.write(
-            CompensationMap(X, Y, VALUES, axes), path, "csv-map", allow_unverified=True
-        )
-        assert path.read_text() == HAND
-        assert controllers.read(path, "csv-map").axes == axes
+    axes = ("joint 0", "joint 1")
+    path = tmp_path / "joints.csv"
+    controllers.write(CompensationMap(X, Y, VALUES, axes), path, "csv-map", allow_unverified=True)
+    assert path.read_text() == HAND
+    assert controllers.read(path, "csv-map").axes == axes
+
+
+def test_y_before_x_is_in_the_names_of_the_columns(tmp_path):
+    """What other programs read: the first column is Y; without its sidecar the map is the same."""
+    path = tmp_path / "yx.csv"
+    made = CompensationMap(X, Y, VALUES, ("Y", "X"))
+    controllers.write(made, path, "csv-map", allow_unverified=True)
+    assert path.read_text() == HAND.replace("x_mm,y_mm", "y_mm,x_mm")
+    for _ in range(2):
+        back = controllers.read(path, "csv-map")
+        assert back.axes == ("Y", "X")
+        np.testing.assert_array_equal(back.values, VALUES)
+        path.with_name("yx.csv.json").unlink(missing_ok=True)
+    old = tmp_path / "old.csv"  # as metrosep wrote it before: the sidecar names the axes
+    controllers.write(made, old, "csv-map", allow_unverified=True)
+    beside = old.with_name("old.csv.json")
+    hashed = hashlib.sha256(old.read_bytes()).hexdigest()
+    old.write_text(HAND)
+    new = hashlib.sha256(old.read_bytes()).hexdigest()
+    beside.write_text(beside.read_text().replace(hashed, new))
+    assert controllers.read(old, "csv-map").axes == ("Y", "X")
+    controllers.write(made, path, "csv-map", allow_unverified=True, overwrite=True)
+    beside = path.with_name("yx.csv.json")  # that does not agree with the exchanged columns
+    text = beside.read_text()
+    beside.write_text(text.replace('"Y"', '"Q"').replace('"X"', '"Y"').replace('"Q"', '"X"'))
+    with pytest.raises(ReadError, match="columns are of Y and X, its sidecar says X and Y"):
+        controllers.read(path, "csv-map")
 
 
 @given(
@@ -225,7 +251,6 @@ class TestNeutralMap(DialectContract):
     hand = HAND
     damage = (
         ("x_mm", "x_um"),
-        ("x_mm,y_mm", "y_mm,x_mm"),
         ("correction_um", "error_um"),
         ("0,0,-1.5", "0,0,nan"),
         ("0,0,-1.5", "0,0,1_5"),

@@ -103,6 +103,20 @@ def test_parts_that_collide_are_refused(extra, message):
         Recipe.parse(GOOD + extra, name="r.toml")
 
 
+def test_what_a_controller_lacks_is_asked_for_beside_what_was_given():
+    """Written as it is printed, with the dots filled in, it is enough."""
+    old = 'controller = "linuxcnc"'
+    given = 'controller = "sinumerik-cec"\nmachine = { input_axis = "AX1", table_index = 3 }'
+    text = GOOD.replace(old, given).replace("x.comp", "x.mpf")
+    assert old in GOOD
+    with pytest.raises(RecipeError) as refused:
+        Recipe.parse(text, name="r.toml")
+    wanted = str(refused.value).partition("write ")[2]
+    assert wanted.startswith('machine = { input_axis = "AX1", table_index = 3, ')
+    line = next(t for t in text.splitlines() if t.startswith("machine = "))
+    Recipe.parse(text.replace(line, wanted.replace('"..."', '"AX2"')), name="r.toml")
+
+
 def test_a_check_of_the_dry_run_needs_a_table():
     text = GOOD[: GOOD.index("[[output]]")].replace('"pv"', '"after_rms"')
 

@@ -135,6 +135,8 @@ def open_program(path: Path) -> BinaryIO:
     try:
         if path.is_dir():
             raise ReadError(f"{path}: is a folder, a program is needed")
+        if path.exists() and not path.is_file():  # opening a pipe would wait for its writer
+            raise ReadError(f"{path}: is a device or a pipe; copy the program into a file first")
         return path.open("rb")
     except OSError as exc:
         raise ReadError(
