@@ -4,7 +4,8 @@
                                   [--forms "plane square,zernike 36 disc"]
 
 Fields: gS, white noise under a Gaussian of sigma S pixels; eS, exponential correlation of S pixels;
-fB, spectrum f^-B; w3/Q, f^-3 of 1/Q of the RMS of white noise; lay, 2 x 40 pixels.
+fB, spectrum f^-B; w3/Q, f^-3 of 1/Q of the RMS of white noise; lay, 2 x 40 pixels. Supports: square,
+disc, gaps (a fifth missing), 1/K (the middle 1/K of the rows, a narrow map).
 The piston is left out. Printed are the share of errors within U, the median of U over twice the scatter
 of the errors, false accepts of a part on its limit with the guard t_0.95 u, and ms of one u.
 """
@@ -74,11 +75,14 @@ def field(name, rng, n):
 
 
 def support(name, n):
-    """Return where a map has values: whole, a disc, or without a fifth in squares."""
+    """Return where a map has values: whole, a disc, without a fifth in squares, the middle 1/K of its rows."""
     y, x = np.mgrid[-1 : 1 : n * 1j, -1 : 1 : n * 1j]
     if name == "disc":
         return x * x + y * y <= 1
     there = np.ones((n, n), bool)
+    if name.startswith("1/"):
+        rows = round(n / float(name[2:]))
+        there[: (n - rows) // 2] = there[(n - rows) // 2 + rows :] = False
     rng, w = np.random.default_rng(99), n // 8
     while name == "gaps" and there.mean() > 0.8:
         i, j = rng.integers(0, n - w, 2)

@@ -9,9 +9,10 @@ estimates of C are made from the residual. Part A is its autocovariance, correct
 frequencies that the fit took out. Part B asks the polynomials next to the model which spectra are
 likely, and what each does to the parameters, since real surfaces have more power there than a short
 correlation can hold. On maps B counts, and the larger of two noisy numbers would only be wider: A gives
-the area that hangs together. On a line, which has few polynomials, where the model holds what is not a
-polynomial, and where the deviations have a lay, the larger expanded uncertainty counts. An error that has the shape of a parameter (a
-wrong reference sphere) is in neither. Sources: metrology-2, chapter 1; sandwich covariance after Newey
+the area that hangs together. On a line, which has few polynomials, on a map so narrow that the waves of B
+are all longer than the model across it, where the model holds what is not a polynomial, and where
+the deviations have a lay, the larger expanded uncertainty counts. An error that has the shape of a
+parameter (a wrong reference sphere) is in neither. Sources: metrology-2, chapter 1; sandwich covariance after Newey
 and West (1987), window after Sokal.
 """
 
@@ -49,6 +50,8 @@ _LOWEST, _MORE, _MOST = 7, 5, 25
 """Degrees of the polynomials next to the model; from the model's, at most."""
 _BEYOND, _EACH = (2, 4, 7, 10, 13), 6
 """Degrees above these of which some polynomials say where a spectrum that is flat begins to fall."""
+_MARGIN = 6
+"""Degrees beyond the last of which the waves still are: the tail of a polynomial's own spectrum."""
 _TIED = 1e-13
 """Of a column: what is left of it beside the columns before it is rounding below this."""
 _SETTLED = 1e-7
@@ -443,7 +446,7 @@ class _Beside:
     cov: FloatArray
     n: int
     Q: FloatArray
-    is_known: bool  # by enough: each column of the model is a polynomial, no lay is likely
+    is_known: bool  # by enough: the waves hold the polynomials of the model, no lay is likely
     is_bounded: bool = False  # a bound by energy is at work
 
 
@@ -472,7 +475,7 @@ def _next_to_the_model(
     if n == 0 or not float(t @ t) > _ROUNDING**2 * N:  # it says nothing
         return _Beside(white * (size**2 * float(r @ r) / (N - p)), n, Q, False)
     found = _white(t, float(r @ r), N - p, white)
-    if not is_line:  # short correlations have spectra
+    if own.is_seen:  # short correlations have spectra
         found = found[-1:]
     found += _coloured(own.grams, t, inverse, own.odds)
     alike = len(found)
@@ -494,7 +497,8 @@ def _next_to_the_model(
     held = np.minimum(u, np.sqrt(np.square(inverse) @ most))
     scale = size * held / np.sqrt(np.diag(mean))
     # a lay is seldom as straight and as long as its spectrum has it
-    is_known = not np.isnan(order).any() and bool(weights[kept < alike].sum() > 0.5)
+    is_known = own.is_seen and not np.isnan(order).any()
+    is_known = is_known and bool(weights[kept < alike].sum() > 0.5)
     return _Beside(mean * np.outer(scale, scale), n, Q, is_known, bool((held < u)[1:].any()))
 
 
@@ -507,6 +511,7 @@ class _Surroundings:
     F: FloatArray  # these, (., n)
     grams: tuple[FloatArray, FloatArray]  # under each spectrum that is alike in all directions
     odds: FloatArray  # of each
+    is_seen: bool  # the waves are short enough for the model across the support too
 
 
 @lru_cache(maxsize=2)
@@ -517,12 +522,20 @@ def _kept_surroundings(x: bytes, y: bytes, Q: bytes, p: int, is_line: bool) -> _
     order, top = _orders(columns, at_x, at_y, is_line=is_line)
     F = _beside(columns, at_x, at_y, top, is_line=is_line)
     if F.shape[1] == 0:
-        return _Surroundings(order, top, F, (F, F), order)
+        return _Surroundings(order, top, F, (F, F), order, False)
     last = top if is_line else top + _BEYOND[-1]
     B = np.column_stack([columns, F])
     f, G = _waves(at_x, at_y, B, last, angle=0.0 if is_line else None)
-    S, odds = _spectra(f) if is_line else _with_short(f)
-    return _Surroundings(order, last, F, _under_spectra(S, G, p), odds)
+    degrees = _narrowness(at_x, at_y) * (last + _MARGIN)  # of the waves, over the shorter side
+    is_seen = not is_line and bool(degrees >= np.nanmax(order, initial=0.0) + _MARGIN)
+    S, odds = _with_short(f) if is_seen else _spectra(f)
+    return _Surroundings(order, last, F, _under_spectra(S, G, p), odds, is_seen)
+
+
+def _narrowness(x: FloatArray, y: FloatArray) -> float:
+    """Return the shorter over the longer principal axis of the places: of a rectangle, of its sides."""
+    small, large = np.linalg.eigvalsh(np.cov(x, y))
+    return float(np.sqrt(max(small, 0.0) / large)) if large > 0.0 else 1.0
 
 
 def _white(
@@ -713,7 +726,7 @@ def _rings(
     D = 2.0 * float(np.sqrt(np.max(x * x + y * y)))
     side = max(float(np.ptp(x)), float(np.ptp(y)))
     step = 1.0 / 3.0  # the lags of a step of 1/(3 D) come round at 3 D
-    n = int(np.ceil((top + 6) / np.pi * D / side / step))
+    n = int(np.ceil((top + _MARGIN) / np.pi * D / side / step))
     f = np.concatenate([np.geomspace(0.02, step, 8)[:-1], step * np.arange(1, n + 1)])
     width = np.gradient(f) * (f if angle is None else 1.0)
     summed = _sums_under_waves(x, y, B)

@@ -326,7 +326,7 @@ def pick(
 
 
 def refuse_marker(file: RawFile, table: Table, name: str) -> None:
-    """Refuse a column that is used where one of its values surely means "not measured"."""
+    """Refuse a column that is used where a value surely means "not measured", or where words are among its numbers."""
     if (message := table.header.get("markers", {}).get(name)) is not None:
         raise AmbiguousFormatError(f"{file.path}: {message}")
 

@@ -671,25 +671,25 @@ Source: TypeAlias = tuple[RawFile, Table, str]
 
 def columns_of(file: RawFile, layout: dict[str, Any]) -> Source:
     """Return the file as its messages name it, its columns, and the format that they were read as."""
-    return _as_columns(*_taken_or_read(file, layout))
+    return _as_columns(*_taken_or_read(file, layout, is_named=True))
 
 
 _Content: TypeAlias = tuple[RawFile, Table | RunSet | Recording, str]
 
 
-def _taken_or_read(file: RawFile, layout: dict[str, Any]) -> _Content:
+def _taken_or_read(file: RawFile, layout: dict[str, Any], *, is_named: bool = False) -> _Content:
     """Return what `_looked_at` read of the same file, else read it."""
     with _LOCK:
         ahead = None if file.in_memory else _AHEAD.pop(_key(file, layout), None)
-    return ahead or _content(file, layout)
+    return ahead or _content(file, layout, is_named=is_named)
 
 
-def _content(file: RawFile, layout: dict[str, Any]) -> _Content:
+def _content(file: RawFile, layout: dict[str, Any], *, is_named: bool) -> _Content:
     """Return the file as its messages name it, the table, runs or recording in it, and its format."""
     known = _format(file) or _TEXT
     if registry.get(known).is_table:
         file = text_of(file, layout)
-        return file, read_table(file, **layout), known
+        return file, read_table(file, is_named=is_named, **layout), known
     if layout:
         raise FormatMismatchError(
             f"{file.path}: is recognised as {known}, which takes no {next(iter(layout))}; leave it out"

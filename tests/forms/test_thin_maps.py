@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from metrosep import Surface
 from metrosep.forms import Polynomial, fit
@@ -23,6 +24,35 @@ def test_a_map_of_a_few_rows_has_the_u_of_its_white_noise(rows, turned):
         )  # of some seeds more: a long spectrum may be likely
         assert abs(found.params[key]) < 4.0 * found.u[key]
     assert found.u["piston"] > 0.8 * NM / np.sqrt(z.size)
+
+
+def test_a_tilt_across_a_narrow_map_of_texture_lies_within_its_uncertainty():
+    """Truth: texture of a pixel has no tilt; of 40 maps 38.2 are within U, 33 and less in 0.3 % of draws."""
+    held = 0
+    for seed in range(40):
+        noise = np.random.default_rng([31, seed]).standard_normal((46, 340))
+        z = 10 * NM * gaussian_filter(noise, 1.0)[20:-20, 20:-20]
+        found = fit(Surface(z, STEP, STEP), "plane")
+        held += abs(found.params["tilt_y"]) <= found.coverage_factor * found.u["tilt_y"]
+    assert held >= 34
+
+
+def test_a_narrow_map_that_lies_askew_has_the_u_of_one_along_x():
+    """Truth: texture has no tilt. Of 30 strips at 45 degrees 28.6 are within U, 24 and less in 0.3 % of draws."""
+    strip = 12.0
+    y, x = np.mgrid[-100:101, -100:101].astype(float)
+    along, across = (x + y) / np.sqrt(2.0), (y - x) / np.sqrt(2.0)
+    there = (np.abs(across) < strip / 2) & (np.abs(along) < 100)
+    held = 0
+    for seed in range(30):
+        noise = np.random.default_rng([32, seed]).standard_normal(x.shape)
+        z = np.where(there, 10 * NM * gaussian_filter(noise, 2.0), np.nan)
+        found = fit(Surface(z, STEP, STEP), "plane")
+        off = found.params["tilt_y"] - found.params["tilt_x"]  # across the strip, times sqrt(2)
+        i, j = (list(found.params).index(k) for k in ("tilt_x", "tilt_y"))
+        u = np.sqrt(found.cov[i, i] + found.cov[j, j] - 2.0 * found.cov[i, j])
+        held += abs(off) <= found.coverage_factor * u
+    assert held >= 25
 
 
 def walk(seed=4):

@@ -4,6 +4,7 @@ Each case is what a stranger's program put round the same thirty readings, and w
 """
 
 import math
+import re
 import zipfile
 
 import h5py
@@ -643,6 +644,26 @@ def test_a_time_that_falls_is_named_by_its_line(put):
     assert len(ms.read(put(text), skip_lines="11")) == N - 1
 
 
+@pytest.mark.parametrize(
+    ("places", "kept"),
+    [
+        ([70, *range(1, 60)], range(1, 60)),
+        ([-5, *range(60, 0, -1)], range(1, 61)),
+        ([*range(40), *range(38, 5, -1)], range(40)),
+    ],
+    ids=["the first is an outlier", "the first is one, backwards", "a way back"],
+)
+def test_following_the_hint_where_positions_turn_keeps_most_of_the_rows(put, places, kept):
+    path = put("\n".join(["x_mm;z_um", *(f"{x};{x % 7}" for x in places), ""]))
+    with pytest.raises(ms.errors.ReadError, match="strictly monotonic") as refused:
+        ms.read(path, x="x_mm", z="z_um")
+
+    lines = re.search(r"skip_lines='(.*?)'", str(refused.value)).group(1)
+    found = ms.read(path, x="x_mm", z="z_um", skip_lines=lines)
+
+    assert sorted(found.x) == pytest.approx([1e-3 * x for x in kept], abs=TIGHT)
+
+
 COUNTED = [f"{k} {x} {z}" for k, (x, z) in enumerate(zip(X, Z, strict=True))]
 ABOVE_UNITS = ";Weg;Höhe;Bemerkung\n;[mm];[µm];"
 HABITS = {
@@ -676,6 +697,28 @@ HABITS = {
         + "End of file\n"
     ).encode("utf-16"),
 }
+
+
+TITLED = ["Straightness guide", "Mean error", "  Position error", "Weg Abweichung"]
+
+
+@pytest.mark.parametrize("title", [*TITLED, "Roughness profile"])
+@pytest.mark.parametrize("mark", [" ", "\t"])
+def test_a_title_above_numbered_rows_is_no_row_of_names(put, title, mark):
+    """The first column counts like the rows of pandas, and may as well be the position."""
+    rows = [mark.join(f"{v}" for v in (k, 0.5 * k, k * k)) for k in range(5)]
+
+    with pytest.raises(ms.errors.ReadError, match=r"neither a row of 3 names|without names"):
+        ms.read(put("\n".join([title, *rows, ""])), unit="um")
+    named = ms.read(put("\n".join([title, f"# k{mark}x_mm{mark}z_um", *rows, ""])))
+    assert named.x.tolist() == [0.5e-3 * k for k in range(5)]
+
+
+def test_names_without_units_right_above_numbered_columns_are_names(put):
+    rows = [f"{k}  {0.5 * k:4.2f}  {k * k:4d}" for k in range(5)]  # pandas and R print so
+    found = ms.read(put("\n".join(["      x     z", *rows, ""])), x="x:mm", z="z:um")
+
+    assert found.x.tolist() == [0.5e-3 * k for k in range(5)]
 
 
 @pytest.mark.parametrize("habit", HABITS)
@@ -715,6 +758,25 @@ def test_numbers_among_words_below_a_unit_are_refused_not_dropped_with_the_words
 
     table_of = ms.read(path, missing="limit", x="x_mm", z="Error [um]")
     assert np.isfinite(table_of.z).sum() == 10
+
+
+@pytest.mark.parametrize("name", ["Spindle_s", "Axis_m", "Remark [s]"])
+def test_words_and_numbers_in_a_column_that_is_not_asked_for_are_a_warning(put, name):
+    path = put(
+        table(f"x_mm;z_um;{name}", lambda k, x, z: f"{x};{z};{'3' if 5 <= k < 12 else 'S1'}")
+    )
+
+    profile = ms.read(path, x="x_mm", z="z_um")
+
+    assert profile.z.tolist() == [z * 1e-6 for z in Z]
+    (said,) = (w for w in profile.metadata["warnings"] if name in w)
+    assert "'S1' in line 2" in said
+    assert len(ms.read_runs(path, x="x_mm", z="z_um")[0].z) == N
+    for asked in ({}, {"x": "x_mm", "z": name}):
+        with pytest.raises(ms.errors.ReadError, match=r"line 2,.*'S1'"):
+            ms.read(path, **asked)
+    with pytest.raises(ms.errors.ReadError, match="name those that are, x= and z="):
+        ms.read(path)
 
 
 @pytest.mark.parametrize("name", ["Error", "Sensor", "Target"])

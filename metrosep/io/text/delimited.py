@@ -139,7 +139,8 @@ def read(
 ) -> Profile | Recording | Surface | RunSet:
     """Return the profile, recording or surface that a table of numbers holds, or metrosep's own runs."""
     file = text_of(file, text)
-    table = read_table(file, **text)
+    named = x is not None and z is not None
+    table = read_table(file, is_named=named or channel is not None, **text)
     asked = (channel, lateral_step, unit, x, y, z, time, sampling_rate, scale)
     if all(a is None for a in asked) and any(map(is_marked, table.header["comments"])):
         from metrosep.io.own_runs import own_runs

@@ -70,6 +70,11 @@ def names_a_number(name: str) -> bool:
     return next((w for w in reversed(words) if w), "") in _NUMBERS
 
 
+def _ends(line: str) -> list[int]:
+    """Return where the words of a line end."""
+    return [m.end() for m in re.finditer(r"\S+", line)]
+
+
 def _is_measured(name: str) -> bool:
     return header_unit(name.strip().strip('"'))[0].strip().casefold() in _MEASURED
 
@@ -117,6 +122,7 @@ class Preamble:
             for mark, start in (('"{}"', 1), ("{} ", 0), ("{} ", 1), ("{}\t", 0), ("{}\t", 1))
         ]  # the rows of R and pandas, whose numbers have no name
         self._is_counted = len(rows) > 1 and any(counted)
+        self._ends = _ends(rows[0])[1:] if rows else []  # of the fields behind the row number
         self.rows: list[list[str]] = []
         self._names: list[str] | None = None
         self._units: list[Unit | None] | None = None
@@ -259,9 +265,10 @@ class Preamble:
             return None  # a formula: y = a + b
         if names is None and self._is_counted and (mark in " \t" or _QUOTED.fullmatch(line)):
             names = split_header(line, mark, self._n - 1)
-            if names is not None:
+            if names is not None and self._is_named_so(line, names):
                 self.unnamed = ("column1",)
                 return ["column1", *names]
+            names = None
         if names is not None or mark in {" ", ", "}:
             return names
         # a column without a name among others: the row numbers of pandas, R and Excel
@@ -273,6 +280,12 @@ class Preamble:
         self._n, fields = n, fields[:n]
         self.unnamed = tuple(f"column{k}" for k, f in enumerate(fields, 1) if not f)
         return [f or f"column{k}" for k, f in enumerate(fields, 1)]
+
+    def _is_named_so(self, line: str, names: Sequence[str]) -> bool:
+        """Whether a line names all columns but the row number, and is no title: quotes, most units, or columns that end with their names."""
+        units = sum(header_unit(name)[1] is not None for name in names)
+        aligned = "\t" not in line and set(self._ends) <= set(_ends(line))
+        return bool(_QUOTED.fullmatch(line)) or 2 * units > len(names) or aligned
 
     @property
     def named(self) -> bool:

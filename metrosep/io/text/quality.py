@@ -305,7 +305,10 @@ def where_it_turns(file: RawFile, positions: FloatArray, lines: NDArray[np.int64
     if not wrong.size:
         return ""
     first, rest = wrong[0] + 1, steps[wrong[0] + 1 :]
-    if rest.size and rest[0] != steps[0] and np.ptp(rest) == 0:
+    is_back = rest.size > 0 and rest[0] != steps[0] and np.ptp(rest) == 0
+    if (
+        is_back and 2 * first >= lines.size
+    ):  # else most of the rows are what is called the way back
         out = np.arange(first, lines.size)
         what = "what follows, the way back,"
     else:  # what does not lie beyond all before it, or, where that is less, before all behind it

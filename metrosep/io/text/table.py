@@ -177,8 +177,11 @@ class Table:
         return values - next((v for v in values if np.isfinite(v)), np.nan), first
 
 
-def read_table(file: RawFile, **text: Any) -> Table:
-    """Return the columns of a text file; every one of its lines is accounted for."""
+def read_table(file: RawFile, *, is_named: bool = False, **text: Any) -> Table:
+    """Return the columns of a text file; every one of its lines is accounted for.
+
+    Numbers among words below a unit are refused; where the caller names the columns it wants, only in those (`pick`).
+    """
     source = TextTable(file, TextOptions.of(text))
     file = source.file
     n = len(source.head.names)  # empty columns may have a name, and fields without one be remarks
@@ -198,7 +201,16 @@ def read_table(file: RawFile, **text: Any) -> Table:
         : int(source.head.has_own_runs)
     ]  # 07 or 2026-01-01: a name, whatever it looks like
     columns = columns[len(names) :]
-    columns, beyond = _with_quantities(file, columns, rows.lines, source.head)
+    mixed: dict[str, CorruptFileError] = {}
+    columns, beyond = _with_quantities(file, columns, rows.lines, source.head, mixed)
+    for name, refused in mixed.items():
+        if not is_named:
+            more = "or, if that column is not wanted, name those that are, x= and z= of a profile"
+            refused.args = (f"{refused}, {more}",)
+            raise refused
+        beyond.append(
+            f"column {name!r} holds words ({refused.found} in {refused.field}) and numbers, and was read as one of words"
+        )
     columns, clocks, undecided = with_moments(file, columns, rows.lines, source.head.options)
     exact = source.exact(columns, rows.lines)
     columns = [*names, *columns]
@@ -209,8 +221,9 @@ def read_table(file: RawFile, **text: Any) -> Table:
     header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
     if undecided:
         header["undecided"] = undecided
-    if markers:
-        header["markers"] = markers
+    if markers or mixed:
+        whys = {n: str(e).removeprefix(f"{file.path}: ") for n, e in mixed.items()}
+        header["markers"] = markers | whys
     warnings = (*source.warnings, *beyond, *markers.values(), *odd, *undecided.values())
     return Table(tuple(columns), rows.lines, header, warnings, source.lines, exact)
 
@@ -234,9 +247,13 @@ def _is_empty(column: Column) -> bool:
 
 
 def _with_quantities(
-    file: RawFile, columns: Sequence[Column], lines: NDArray[np.int64], head: TableHead
+    file: RawFile,
+    columns: Sequence[Column],
+    lines: NDArray[np.int64],
+    head: TableHead,
+    mixed: dict[str, CorruptFileError],
 ) -> tuple[list[Column], list[str]]:
-    """Return the columns, those of numbers with one unit (1.5 mm) as numbers, and what is odd about them."""
+    """Return the columns, those of numbers with one unit (1.5 mm) as numbers, and what is odd; add those that mix numbers and words."""
     words = NO_READING | {m for m in head.options.missing or () if isinstance(m, str)}
     markers = {m for m in head.options.missing or () if isinstance(m, float)}
     plain = head.layout.dialect.plain
@@ -264,7 +281,7 @@ def _with_quantities(
                 made[k] = Column(column.name, column.unit, values)
             elif column.unit is not None and any(plains):  # which would be lost among words
                 where = f"column {column.name!r}, in {column.unit.name},"
-                raise bad_field(file, int(lines[bad]), texts[bad], where)
+                mixed[column.name] = bad_field(file, int(lines[bad]), texts[bad], where)
             continue
         values = np.full(len(texts), np.nan)
         for i, (text, own) in enumerate(zip(texts, found, strict=True)):
