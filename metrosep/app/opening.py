@@ -432,7 +432,7 @@ def session_text(opened: Opened, document: RecipeDocument) -> str:
 
 
 def session_of(held: bytes, folder: Path, name: str, admits: Admits | None) -> RecipeDocument:
-    """Return the document of a kept session with its history; one that cannot be read is left out."""
+    """Return the document of a kept session with its history, or without one that cannot be read."""
     text, _, history = _parts(held)
     document = RecipeDocument(text, folder, name, admits)
     with contextlib.suppress(ValueError, TypeError, RecursionError, zlib.error):

@@ -23,7 +23,7 @@ from starlette.routing import Route
 
 from metrosep.app.server import STATIC, Guard, new_cookie, safe_headers
 from metrosep.app.wire import page_words
-from metrosep.core.atomic import atomic_write
+from metrosep.core.atomic import atomic_write, left_behind, own_name
 from metrosep.core.errors import DataError, MetrosepError, ReadError
 from metrosep.core.inside import reading_inside
 from metrosep.recipe.preflight import RESULT_NAME
@@ -36,6 +36,9 @@ SERIAL = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 
 RECORD = "operator.json"
 """Written last beside a result: serial, operator, file, verdict, reason."""
+
+_UNFILED = "measuring"
+"""Beginning of the name of a folder whose results are not filed yet."""
 
 _REST = 1.0
 """Seconds for which size and time of a file must rest before it counts as whole."""
@@ -88,6 +91,8 @@ class Operation:
             self.pattern = re.compile(serial)
         except re.error as exc:
             raise DataError(f"--serial {serial}: not a regular expression ({exc.msg})") from None
+        for left in left_behind(out, _UNFILED):
+            shutil.rmtree(left, ignore_errors=True)
         self.clock = clock
         self.operator = ""
         self.part: Part | None = None
@@ -226,7 +231,7 @@ class Operation:
             raise DataError("The recipe was changed since the start: start metrosep again.")
         number = self._counts.get(serial, 0) + 1
         # filed whole, by its name: what a halt leaves behind bears no name of a part
-        made = self.out / f".measuring-{os.getpid()}-{time.time_ns()}"
+        made = self.out / own_name(_UNFILED)
         made.mkdir()
         try:
             with reading_inside([self.inbox.resolve()]):  # a link may be laid meanwhile

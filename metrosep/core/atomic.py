@@ -26,6 +26,8 @@ __all__ = [
     "RECIPE_BYTES",
     "atomic_stream",
     "atomic_write",
+    "left_behind",
+    "own_name",
     "read_plain",
     "read_plain_text",
     "require_plain",
@@ -87,11 +89,10 @@ def _beside(path: str | os.PathLike[str]) -> Iterator[tuple[Path, Path]]:
     try:
         target = target.resolve()
         _check_folder(target)
-        _remove_stale(target)
-        yield (
-            target.with_name(f"{_prefix(target)}{os.getpid():x}-{secrets.token_hex(4)}.tmp"),
-            target,
-        )
+        for found in left_behind(target.parent, target.name):
+            with contextlib.suppress(OSError):
+                found.unlink()
+        yield target.with_name(own_name(target.name)), target
     except WriteError:
         raise
     except OSError as exc:
@@ -104,24 +105,29 @@ def _beside(path: str | os.PathLike[str]) -> Iterator[tuple[Path, Path]]:
         ) from None
 
 
-def _prefix(target: Path) -> str:
-    """Return how temporary files of this machine for a target begin."""
-    host = hashlib.sha256(platform.node().encode()).hexdigest()[:6]
-    return f".{target.name[:100]}.{host}-"
+def own_name(beginning: str) -> str:
+    """Return a name of this process for what is not whole yet, which `left_behind` finds once it is gone."""
+    return f"{_of_host(beginning)}{os.getpid():x}-{secrets.token_hex(4)}.tmp"
 
 
-def _remove_stale(target: Path) -> None:
-    """Remove what a killed process of this machine left of an earlier attempt at the same target."""
+def left_behind(folder: Path, beginning: str) -> Iterator[Path]:
+    """Give what killed processes of this machine left under an `own_name` (POSIX)."""
     if os.name != "posix":  # elsewhere asking for a process may end it
         return
-    prefix = _prefix(target)
-    for found in target.parent.glob(glob.escape(prefix) + "*-*.tmp"):
+    prefix = _of_host(beginning)
+    for found in folder.glob(glob.escape(prefix) + "*-*.tmp"):
         with contextlib.suppress(ValueError, OSError):
             number = int(found.name[len(prefix) :].split("-")[0], 16)
             try:
                 os.kill(number, 0)
             except ProcessLookupError:
-                found.unlink()
+                yield found
+
+
+def _of_host(beginning: str) -> str:
+    """Return how names of this machine begin."""
+    host = hashlib.sha256(platform.node().encode()).hexdigest()[:6]
+    return f".{beginning[:100]}.{host}-"
 
 
 def _check_folder(target: Path) -> None:

@@ -479,12 +479,34 @@ def test_what_a_halt_leaves_behind_takes_no_name_of_a_part(tmp_path: Path) -> No
     assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 9
     assert Recipe.run is run
     assert not (tmp_path / "out" / "CON-1").exists()
+    foreign = tmp_path / "out" / ".measuring.0a1b2c-1f-00000000.tmp"  # of another machine
+    foreign.mkdir()
+    assert len(list((tmp_path / "out").iterdir())) == 2
     again = Shift(tmp_path)
+    assert list((tmp_path / "out").iterdir()) == [foreign]
     again.do("name", "A. Weber")
     again.rest()
     state = again.do("measure", "CON-1")
     assert (state["part"]["folder"], state["part"]["number"]) == ("CON-1", 1)
     assert (tmp_path / "out" / "CON-1" / "result.json").is_file()
+
+
+def test_a_second_start_leaves_alone_what_is_being_measured(tmp_path: Path) -> None:
+    made = Shift(tmp_path)
+    made.do("name", "A. Weber")
+    part(made.inbox, "a.x3p", 50e-9)
+    made.rest()
+    run = Recipe.run
+
+    def beside(self: Recipe, *args: Any, **options: Any) -> Any:
+        Shift(tmp_path)
+        assert len(list((tmp_path / "out").iterdir())) == 1
+        return run(self, *args, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Recipe, "run", beside)
+        assert made.do("measure", "CON-1")["part"]["folder"] == "CON-1"
+    assert [one.name for one in (tmp_path / "out").iterdir()] == ["CON-1"]
 
 
 def test_an_accepted_part_shows_its_values(shift: Shift) -> None:

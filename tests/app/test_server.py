@@ -10,7 +10,7 @@ from starlette.websockets import WebSocketDisconnect
 
 import metrosep as ms
 from metrosep.app.documents import Places
-from metrosep.app.opening import autosave_path
+from metrosep.app.opening import autosave_path, text_of_session
 from metrosep.app.server import Answers, make_app
 from metrosep.app.sessions import Session
 from metrosep.app.wire import unpack
@@ -213,6 +213,15 @@ def test_result_of_the_page_is_that_of_the_command_line(page, part, tmp_path):
     assert first == second
 
 
+@pytest.mark.parametrize("name", ["gain=2.toml", "my gain = 2 mm.toml", "lambda_c.toml"])
+def test_the_name_of_a_file_that_is_there_stays_as_it_is(page, tmp_path, name):
+    path = str(tmp_path / name)
+    page.ok("export", what="recipe", path=path)
+    assert page.refused("export", what="recipe", path=path).startswith(f"{name}: exists already")
+    missing = str(tmp_path / f"not {name}")
+    assert page.refused("open", path=missing) == f"{missing}: there is no such file"
+
+
 def test_an_edit_changes_the_recipe_and_undo_takes_it_back(page, part):
     before = page.ok("hello")[0]["session"]["recipe"]
     header, _ = page.ok("edit", path=["step", 0, "enabled"], old=None, new=False)
@@ -220,7 +229,7 @@ def test_an_edit_changes_the_recipe_and_undo_takes_it_back(page, part):
     session = header["session"]
     assert session["steps"][0]["enabled"] is False
     assert session["can_undo"]
-    kept = autosave_path(part).read_text()
+    kept = text_of_session(autosave_path(part).read_bytes())[0]
     assert tomllib.loads(kept)["step"][0]["enabled"] is False
     assert page.ok("undo")[0]["session"]["recipe"] == before
     assert page.ok("redo")[0]["session"]["recipe"] == kept
