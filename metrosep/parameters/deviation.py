@@ -435,7 +435,7 @@ def _datum(z: FloatArray, radius: float | None, exact: bool) -> tuple[float, flo
         if abs(mean) > 0.5 * radius or radius + float(z.min()) <= 0.0:
             raise DataError(
                 f"z is {format_length(mean)} on average, not a small deviation from the radius "
-                f"{format_length(radius)}: leave radius out if z is the radius itself"
+                f"{format_length(radius)}: leave radius= out if z is the radius itself"
             )
         return mean, radius + mean
     if not exact:

@@ -187,6 +187,57 @@ def test_the_worst_section_counts_and_a_limit_judges_it(metrosep, tmp_path):
     assert 0.5e-9 < found["RONt"]["u"] < 3e-9
 
 
+def heights_file(path, k=1.0, noise=0.0, off=5.0):
+    a, r = trace(lobes=k, off=off)
+    h = 10.0 + noise * np.random.default_rng(4).normal(size=a.size)
+    path.parent.mkdir(exist_ok=True)
+    return semicolons(path, zip(a, r, h, strict=True), (*TRACE[1::2], "h [mm]"))
+
+
+def test_the_same_height_in_two_files_is_two_sections(metrosep, tmp_path):
+    """There and back, 50 um apart in their centres: joined they had 53 um."""
+    files = [heights_file(tmp_path / n / "t.txt", off=o) for n, o in (("a", 5.0), ("b", 55.0))]
+    files += [heights_file(tmp_path / "back.txt", k=2.0)]
+    words = ("--height", "h [mm]", "-o", str(tmp_path / "out"))
+    _, found = values(metrosep, "geometry", "roundness", *files, *TRACE, *words)
+    assert abs(found["RONt"]["value"] - 4 * UM) < CLOSE
+    document = json.loads((tmp_path / "out" / "result.json").read_text())
+    titles = [p["title"] for p in document["separation"]["charts"][0]["panels"]]
+    names = [t.partition(":")[0] for t in titles]
+    assert names == ["t, 10 mm", "t (2), 10 mm", "back, 10 mm"]
+
+
+def test_heights_with_noise_are_sections_by_the_gap_that_is_asked_for(metrosep, tmp_path):
+    file = heights_file(tmp_path / "t.txt", k=2.0, noise=2e-4)
+    words = ("geometry", "roundness", file, *TRACE, "--height", "h [mm]")
+    code, _, err = metrosep(*words)
+    assert code == 2
+    assert "state --set section_gap=" in err
+    _, found = values(metrosep, *words, "--set", "section_gap=0.1 mm")
+    assert abs(found["RONt"]["value"] - 4 * UM) < CLOSE
+
+
+def test_what_an_exact_circle_needs_is_the_option_of_this_step(metrosep, tmp_path):
+    """The column of the readings is called radius here, so the option cannot be."""
+    file = semicolons(tmp_path / "t.txt", zip(*trace(), strict=True), TRACE[1::2])
+    radii = semicolons(
+        tmp_path / "r.txt", ((a, 25e3 + r) for a, r in zip(*trace(), strict=True)), TRACE[1::2]
+    )
+    exact = ("geometry", "roundness", file, *TRACE, "--set", "exact=true")
+    for words, says in (
+        (exact, "needs --set nominal_radius="),
+        (("geometry", "roundness", radii, *TRACE, "--set", "nominal_radius=25 mm"), "leave --set nominal_radius="),
+    ):  # fmt: skip
+        code, _, err = metrosep(*words)
+        assert code == 2
+        assert says in err
+    code, found = values(metrosep, *exact, "--set", "nominal_radius=25 mm")
+    assert code == 0
+    assert abs(found["RONt"]["value"] - 4 * UM) < 1e-9  # e^2/(2 R) is 0.5 nm
+    code, found = values(metrosep, "geometry", "roundness", radii, *TRACE, "--set", "reference=LS")
+    assert abs(found["RONt"]["value"] - 4 * UM) < CLOSE
+
+
 def test_a_trace_of_a_talyrond_worksheet_is_a_table(metrosep, corpus):
     """Radius over the angle, no unit in the file: the sheet has 3600 rows of 0.1 degrees, without names."""
     file = corpus / "round" / "talyrond_profile.xlsx"

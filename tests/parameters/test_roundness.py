@@ -421,7 +421,7 @@ def test_radius_must_be_positive(g9, radius):
 def test_radius_missing_or_given_twice(g9):
     with pytest.raises(DataError, match="needs radius"):
         roundness_deviation(g9, exact=True)
-    with pytest.raises(DataError, match="leave radius out"):
+    with pytest.raises(DataError, match="leave radius= out"):
         roundness_deviation(Profile(g9.x, g9.z + R), radius=R)
 
 

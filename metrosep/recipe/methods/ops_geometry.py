@@ -44,6 +44,8 @@ _DEVIATION = 0.1
 """Of the nominal radius: readings whose mean is larger are radii, not deviations from it."""
 _THIN, _FLAT = 1e-3, 0.2
 """Of a face: least width over its length, most height over its width."""
+_FEWEST = 4
+"""Readings of a section: three always lie on a circle."""
 _PANELS = 12
 _GAP = np.radians(60.0)
 """Of a section without a point: said, as the form there is not seen."""
@@ -236,7 +238,7 @@ class _OfPoints(_Judged):
         if is_polar:
             height = np.full(n, self.heights[k]) if self.heights else values["height"]
             if "section" not in values and self.section_gap is None:
-                section = np.array([f"{h * 1e3:.6g} mm" for h in height])
+                section = np.array([_height_name(h) for h in height])
             radius = self._radii(values["radius"], file.name)
             angle = values["angle"]
             xyz = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
@@ -275,10 +277,7 @@ class _OfPoints(_Judged):
     def _sections(self, points: Points, along: FloatArray) -> NDArray[np.str_] | None:
         """Return the section of each point; None where nothing says it."""
         if self.section_gap is not None:
-            t = points.xyz @ along
-            order = np.argsort(t, kind="stable")
-            number = np.zeros(t.size, dtype=np.intp)
-            number[order] = np.cumsum(np.diff(t[order], prepend=t[order[0]]) > self.section_gap)
+            number = _apart(points.xyz @ along, self.section_gap)
             return np.array([f"{k + 1}" for k in number])
         return points.section if points.has_sections else None
 
@@ -317,6 +316,9 @@ class Roundness(_Judged):
     nominal_radius: float | None = option(
         None, kind="size", help="radius from which deviations are counted: says how far a limacon is from a circle; needed where exact"
     )  # fmt: skip
+    section_gap: float | None = option(
+        None, kind="size", help="readings whose heights lie farther apart are of other sections; without the column section"
+    )  # fmt: skip
     exact: bool = option(
         default=False,
         kind="flag",
@@ -339,18 +341,39 @@ class Roundness(_Judged):
         return replace(made, titles=titles, messages=messages, is_trace=True)
 
     def _read(self, data: tuple[RoleColumns, ...]) -> Points:
-        return _joined([self._of_file(file, several=len(data) > 1) for file in data])
+        names = [file.name for file in data]
+        for k, name in enumerate(names):  # of other folders
+            if (n := [file.name for file in data[:k]].count(name)) > 0:
+                names[k] = f"{name} ({n + 1})"
+        return _joined([self._of_file(*each, len(data)) for each in zip(data, names, strict=True)])
 
-    def _of_file(self, file: RoleColumns, *, several: bool) -> Points:
+    def _of_file(self, file: RoleColumns, name: str, n_files: int) -> Points:
+        """Return the readings of a file; the same height or section in another file is another section."""
         angle, radius = file.values["angle"], file.values["radius"]
         height = file.values.get("height", np.zeros(angle.size))
         section = file.values.get("section")
         if section is None and "height" in file.values:
-            section = np.array([f"{h * 1e3:.6g} mm" for h in height])
+            section = self._by_height(height, file.name)
         if section is None:
-            section = np.full(angle.size, file.name if several else "")
+            section = np.full(angle.size, name if n_files > 1 else "")
+        elif n_files > 1:
+            section = np.array([f"{name}, {each}" for each in section])
         xyz = np.stack([angle, radius, height], axis=1)
         return Points(xyz, np.full(angle.size, ""), section.astype(str))
+
+    def _by_height(self, height: FloatArray, name: str) -> NDArray[np.str_]:
+        if self.section_gap is None:
+            number = np.unique(height, return_inverse=True)[1]
+            if number.size and np.bincount(number).min() < _FEWEST:
+                raise DataError(
+                    f"{name}: {number.max() + 1} different heights of {height.size} readings, of which some have fewer "
+                    f"than {_FEWEST} readings: state section_gap=..., the height between two sections, or leave the "
+                    "column height out if all are of one"
+                )
+        else:
+            number = _apart(height, self.section_gap)
+        means = [float(height[number == k].mean()) for k in range(number.max(initial=-1) + 1)]
+        return np.array([_height_name(means[k]) for k in number], dtype=np.str_)
 
     def _circles(self, points: Points) -> list[tuple[str, IntArray, FormDeviation]]:
         """Return each section with its points in the order of the angle, and what it deviates."""
@@ -369,7 +392,10 @@ class Roundness(_Judged):
                     radius=self.nominal_radius,
                 )
             except MetrosepError as exc:
-                exc.args = (f"{f'section {label}: ' if label else ''}{exc}", *exc.args[1:])
+                why = re.sub(
+                    r"\bradius=", "nominal_radius=", str(exc)
+                )  # radius is the column here
+                exc.args = (f"{f'section {label}: ' if label else ''}{why}", *exc.args[1:])
                 raise
             made.append((label, inside, found))
         return made
@@ -397,6 +423,19 @@ class Roundness(_Judged):
             off[inside] = one.residual.z
         angle = np.mod(feature.xyz[:, 0], 2.0 * np.pi)
         return off, angle, f"from the {self.reference}CI of its section"
+
+
+def _height_name(height: float) -> str:
+    """Return the name of the section at a height."""
+    return f"{height * 1e3:.6g} mm"
+
+
+def _apart(t: FloatArray, gap: float) -> IntArray:
+    """Return the group of each position, counted from the lowest: neighbours in a group lie at most a gap apart."""
+    order = np.argsort(t, kind="stable")
+    number = np.zeros(t.size, dtype=np.intp)
+    number[order] = np.cumsum(np.diff(t[order], prepend=t[order[:1]]) > gap)
+    return number
 
 
 def _one_turn(angle: FloatArray, at: IntArray) -> tuple[FloatArray, IntArray]:
