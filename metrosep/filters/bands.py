@@ -27,6 +27,9 @@ __all__ = ["BandEdges", "band_edges", "band_stop"]
 _PASSES = 4
 """Times that the waves of the band are looked for in what is left: the page has the table."""
 
+_BRIDGED = 4
+"""Samples on each side of a gap that are filled: gaps of twice as many are bridged. The page has the table."""
+
 _INSIDE, _OUTSIDE = 1.0, 6.0
 """Resolution cells 1/L beyond the band that are taken too, and from which 95 % of a wave stays."""
 
@@ -43,10 +46,11 @@ class BandEdges(NamedTuple):
     Parameters
     ----------
     shortest, longest : float, m
-        Less than 5 % is left of each wave from the one to the other.
+        Less than 5 % of the amplitude of each wave from the one to the other is left, over the whole.
     shorter, longer : float, m
         95 % and more stays of waves shorter than the one, and longer than the other; inf where none
-        is so long within what was measured.
+        is so long within what was measured. Where samples are missing less may stay, most of all of
+        the shorter ones if the band holds nearly all other waves.
     """
 
     shortest: float
@@ -70,8 +74,9 @@ def band_stop(obj: Measured, *, shortest: float | str, longest: float | str) -> 
     -------
     Profile or Surface
         Same grid, NaN where not measured. Less than 5 % of the amplitude of each wave in the band is
-        left, and 95 % and more of each wave beyond the edges that `band_edges` gives; between them a
-        part. A parabola (of a surface with its tilts and twist) stays.
+        left, over the whole, and 95 % and more of each wave beyond the edges that `band_edges` gives;
+        between them a part. Within about a wavelength of the ends of the data up to three quarters of
+        the amplitude may be left. A parabola (of a surface with its tilts and twist) stays.
 
     Raises
     ------
@@ -84,7 +89,7 @@ def band_stop(obj: Measured, *, shortest: float | str, longest: float | str) -> 
 
     Notes
     -----
-    With D the samples that were measured and B the waves of the band on a grid 1.25 times as long,
+    With D what fills the gaps between the samples that were measured and B the waves of the band on a grid 1.25 times as long,
     ``b <- b + B D (z - p - b)``, four times from zero, is Landweber's iteration for the waves of the
     band that fit z best beside the parabola p of z - b; z - D b is returned. B has sharp edges: a step or a spike rings in what is left,
     as its own waves in the band are gone. Remove form and spikes before. Cost: eight Fourier transforms.
@@ -198,6 +203,28 @@ def _parabola(z: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
     return np.asarray(mean + fitted)
 
 
+def _bridged(rest: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
+    """Return heights with gaps of up to 2 `_BRIDGED` samples filled from both sides, the middle of others 0.
+
+    A long wave that is 0 in many gaps has short waves too, which would be taken from it.
+    """
+    from scipy import ndimage
+
+    for _ in range(_BRIDGED):
+        if valid.all():
+            break
+        near, total = valid.astype(np.float64), rest
+        for axis in (0, 1):
+            near, total = (
+                ndimage.correlate1d(v, (0.25, 0.5, 0.25), axis=axis, mode="constant")
+                for v in (near, total)
+            )
+        reached = ~valid & (near > 0.0)
+        rest = np.where(reached, total / np.where(reached, near, 1.0), rest)
+        valid = valid | reached
+    return rest
+
+
 def _waves(
     z: FloatArray, valid: NDArray[np.bool_], steps: tuple[float, float], short: float, long: float
 ) -> FloatArray:
@@ -213,7 +240,8 @@ def _waves(
     taken, whole = np.zeros(z.shape), np.zeros(big)
     for _ in range(_PASSES):
         rest = z - taken
-        whole[:rows, :columns] = np.where(valid, rest - _parabola(rest, valid), 0.0)
+        rest = np.where(valid, rest - _parabola(rest, valid), 0.0)
+        whole[:rows, :columns] = _bridged(rest, valid)
         found = fft.irfft2(fft.rfft2(whole) * band, s=big)
         taken += found[:rows, :columns]
     return taken

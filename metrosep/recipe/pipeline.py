@@ -493,9 +493,14 @@ def _edges_of_band(obj: Measured, options: Mapping[str, Any]) -> str:
     edges = band_edges(obj, shortest=options["lambda_s"], longest=options["lambda_c"])
     low, high, shorter, longer = map(format_length, edges)
     longest = "" if math.isinf(edges.longer) else f" and longer than {longer}"
+    missing = ""
+    if obj.n_invalid:
+        share = 100.0 * obj.n_invalid / obj.z.size
+        missing = f"; {share:.2g} % of the samples are missing, so that these may keep less"
     return (
-        f"filter: waves of {low} to {high} were removed, less than 5 % of each is left; waves shorter than "
-        f"{shorter}{longest} keep at least 95 %, those between a part"
+        f"filter: waves of {low} to {high} were removed: less than 5 % of the amplitude of each is left "
+        f"over the whole, more within a wavelength of the ends; waves shorter than {shorter}{longest} "
+        f"keep at least 95 %, those between a part{missing}"
     )
 
 

@@ -49,6 +49,18 @@ def test_waves_in_the_band_are_gone_to_its_ends_and_those_beside_its_edges_stay(
             assert left_of(length, degrees, phase, hole, **band) > 0.95, (length, degrees)
 
 
+@pytest.mark.parametrize("share", [0.05, 0.2])
+def test_long_waves_stay_where_single_samples_are_missing(share):
+    hole = np.random.default_rng(8).random(SHAPE) < share
+    band = {"shortest": 3.2 * UM, "longest": 20 * UM}
+    longer = band_edges(ms.Surface(np.zeros(SHAPE), DX, DY), **band).longer
+    for degrees, phase in ((0, 0.3), (37, 1.1), (90, 2.0)):
+        for length in (longer, 96 * UM, 128 * UM):
+            assert left_of(length, degrees, phase, hole, **band) > 0.95, (length, degrees)
+        for length in (3.2 * UM, 8 * UM, 20 * UM):
+            assert left_of(length, degrees, phase, hole, **band) < 0.05, (length, degrees)
+
+
 def test_the_edges_are_the_resolution_of_what_was_measured():
     edges = band_edges(ms.Surface(np.zeros(SHAPE), DX, DY), shortest="12 um", longest="20 um")
     cell = 6 / (256 * UM)  # the shorter side

@@ -373,9 +373,18 @@ def test_a_band_is_taken_out_and_what_lies_beside_it_stays(is_map):
     # a mean height is no wave: it stays, but for what the parabola takes of the wave, below 1 %
     assert found[-1] == pytest.approx(5e-9, abs=0.01 * 40 * NM)
     (said,) = result.messages
-    assert "waves of 30 um to 180 um were removed, less than 5 % of each is left" in said
+    assert "waves of 30 um to 180 um were removed: less than 5 % of the amplitude of each" in said
+    assert "are missing" not in said
     shorter = "24.37" if is_map else "24.71"  # 1 / (1 / 30 + 6 / L), L = 780 or 840
     assert f"waves shorter than {shorter} um keep at least 95 %" in said
+
+
+def test_a_band_says_how_much_is_missing():
+    z = np.sin(np.arange(1000) / 50.0) * NM
+    z[::20] = np.nan
+    step = {"op": "filter", "lambda_s": 30e-6, "lambda_c": 100e-6, "band": "stop"}
+    (said,) = done(ms.Profile(np.arange(1000) * 1e-6, z), step).messages
+    assert "5 % of the samples are missing, so that these may keep less" in said
 
 
 @pytest.mark.parametrize(

@@ -551,6 +551,24 @@ def test_a_method_in_space_says_that_all_runs_lie_apart(method):
     assert held == pytest.approx(2e-3 * np.pi * sd / np.sqrt(2.0 * np.log(1.0 / 0.9)), abs=0.1)
 
 
+@pytest.mark.parametrize("seed", [1001, 1002, 1004])
+def test_places_that_scatter_are_no_delay_of_the_readings(seed):
+    """Truth: no lag. Places of 0.3 mm (sd), three a feedrate 40 mm/s apart: u of a delay is about 6 ms."""
+    rng = np.random.default_rng(seed)
+    runs = []
+    for number in range(6):
+        v = (0.08, 0.12)[number % 2]
+        x = v * np.arange(int(0.056 / v * 1000.0)) * 1e-3
+        at = x + rng.normal(0.0, 0.3e-3)
+        z = 200 * NM * np.sin(at * 2 * np.pi / 12e-3) + 60 * NM * np.sin(
+            at * 2 * np.pi / 5e-3 + 2.0
+        )
+        runs.append(Run(x, z + 20 * NM * rng.standard_normal(x.size), t=x / v, feed=v))
+    messages = separate(RunSet(runs), method="mean").messages
+    assert any("lie apart along the axis" in m for m in messages)
+    assert not any("the position by" in m for m in messages)
+
+
 def test_places_that_scatter_at_one_feedrate_are_a_vibration():
     def displaced(axis):
         for run in (3, 4, 5):

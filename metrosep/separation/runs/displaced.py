@@ -136,8 +136,19 @@ def find_displaced(
     kept[list(found.runs)] = False
     groups = [kept & (feed_of == f) for f in range(n_feeds) if (kept & (feed_of == f)).any()]
     if len(groups) > 1:
-        found.lag = _delay(v, d, u, groups, [_u_together(own_u[g], shared_u[g]) for g in groups])
+        sd = _scatter_within(d, groups)
+        group_u = [
+            max(_u_together(own_u[g], shared_u[g]), sd / math.sqrt(int(g.sum()))) for g in groups
+        ]
+        found.lag = _delay(v, d, u, groups, group_u)
     return found
+
+
+def _scatter_within(d: FloatArray, groups: list[NDArray[np.bool_]]) -> float:
+    """Return the sd of shifts within their groups, pooled: runs that lie apart have it in their means."""
+    freedom = sum(int(g.sum()) - 1 for g in groups)
+    squares = sum(float(np.square(d[g] - d[g].mean()).sum()) for g in groups)
+    return math.sqrt(squares / freedom) if freedom else 0.0
 
 
 def _feed(
