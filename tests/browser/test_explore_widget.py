@@ -158,9 +158,7 @@ def test_a_refusal_is_shown_in_its_picture_and_the_others_stay(tab: Any) -> None
     placed(tab, given, "width: 900px")
     tab.run("document.body.append(el)")
     words = tab.wait("el.querySelector('[data-picture=section] .plot-empty').textContent")
-    assert words.startswith(
-        "the section runs from (1 mm, 1 mm) to (1 mm, 1 mm): its ends must"
-    )
+    assert words.startswith("the section runs from (1 mm, 1 mm) to (1 mm, 1 mm): its ends must")
     assert tab.run("el.querySelector('.panel-message').hidden")
     assert tab.run("el.querySelector('[data-picture=spectrum] .plot-empty').textContent") == ""
 
