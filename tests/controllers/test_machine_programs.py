@@ -343,11 +343,13 @@ def in_small_parts(monkeypatch, poses, size):
     monkeypatch.setattr("metrosep.controllers.gcode.columns._BYTES", size)
 
 
+@pytest.mark.parametrize("between", [0, 1, 9])
 @pytest.mark.parametrize("poses", [2, 7])
-def test_a_program_in_parts_is_that_of_one_piece(tmp_path, monkeypatch, poses):
-    """Turns that are timed and blocks that are split lie across the borders of the parts."""
+def test_a_program_in_parts_is_that_of_one_piece(tmp_path, monkeypatch, poses, between):
+    """Turns that are timed, blocks that are split and comments lie across the borders of the parts."""
     options = {"tolerance": 20 * NM, "rotary_feed": "linear"}
     text = long_program(40, turns=True)
+    text = text.replace("\r\n", "\r\n" + "; on the way\r\n" * between)
     found, whole = corrected(tmp_path, text, **options)
     assert found.audit["n_added"] > 20
     assert found.audit["n_inverse_time"] > 6

@@ -75,6 +75,8 @@ _SAME_TIME = 0.1
 """Share by which a correction may change how long a turn takes, as an override does, before F must be known."""
 _FEWEST, _MOST_LOOKS = 16, 1 << 20
 _AT_ONCE = 20_000
+_LINES_A_POSE = 2
+"""Of a part, at most: comments between the poses are no reason to hold more of a program in memory."""
 _NOT_READ_BACK = "the program does not read back as meant; this is a bug in metrosep"
 _BLOCK = re.compile(r"/?\s*(?:[NGMOT]\s*\d|[A-Z]\s*=)", re.IGNORECASE)
 
@@ -353,7 +355,7 @@ class _Program:
         for block in lines:
             self._lines.append(block)
             self.reader.read(block)
-            if self.reader.known == AT_ONCE:
+            if self.reader.known == AT_ONCE or len(self._lines) == _LINES_A_POSE * AT_ONCE:
                 found += self._part()
         return found
 
