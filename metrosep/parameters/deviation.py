@@ -7,6 +7,7 @@ many instruments print least squares without saying so, a value that is never sm
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -379,6 +380,9 @@ def roundness_deviation(
     if closed:
         weight[[0, -1]] = 0.5
     circle = best_circle(CirclePoints(x, z - base, weight, datum), reference, exact=exact)
+    a, b = circle.centre
+    if a * a + b * b <= _ROUNDING**2 * x.size * (z @ z):
+        circle = replace(circle, centre=(0.0, 0.0))  # what the readings do not hold
     offset = base + (radius or 0.0)
     model = "exact circle" if exact else "limacon"
     return FormDeviation(
@@ -425,6 +429,10 @@ def _check_angles(x: FloatArray, n_total: int) -> tuple[float, bool]:
             "not a length of arc)"
         )
     return gap, span >= _TURN - slack
+
+
+_ROUNDING = float(np.finfo(np.float64).eps)
+"""Of a number: a centre is not seen below that of n readings, n times this times their RMS."""
 
 
 def _datum(z: FloatArray, radius: float | None, exact: bool) -> tuple[float, float | None]:

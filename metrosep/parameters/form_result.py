@@ -210,10 +210,10 @@ def form_table(
         rms = math.sqrt(float(np.dot(residual, residual)) / residual.size)
     else:
         rms = math.sqrt(float(np.dot(weights, residual**2) / weights.sum()))
-    rows = [
+    rows = [  # 0.0 first: of equals max returns the first, which is not to be -0.0
         ("t", peak - valley, f"{kind}, peak to valley from {line}"),
-        ("p", max(peak, 0.0), f"{kind}, highest local deviation from {line}"),
-        ("v", max(-valley, 0.0), f"{kind}, lowest local deviation from {line}, positive"),
+        ("p", max(0.0, peak), f"{kind}, highest local deviation from {line}"),
+        ("v", max(0.0, -valley), f"{kind}, lowest local deviation from {line}, positive"),
         ("q", rms, f"{kind}, root mean square of the local deviations from {line}"),
     ]
     said = list(notes)

@@ -217,6 +217,16 @@ def test_heights_with_noise_are_sections_by_the_gap_that_is_asked_for(metrosep, 
     assert abs(found["RONt"]["value"] - 4 * UM) < CLOSE
 
 
+def test_rounding_is_no_eccentricity_and_zero_has_no_sign(metrosep, tmp_path):
+    for off, said in ((0.0, "eccentricity 0 m"), (1e-6, "eccentricity 1 pm")):
+        file = semicolons(tmp_path / "t.txt", zip(*trace(off=off), strict=True), TRACE[1::2])
+        code, out, err = metrosep("geometry", "roundness", file, *TRACE, "--set", "reference=MI")
+        assert code == 0
+        assert "RONv: 0 m" in out + err
+        code, out, err = metrosep("geometry", "roundness", file, *TRACE, "--set", "reference=LS")
+        assert said in out + err
+
+
 def test_what_an_exact_circle_needs_is_the_option_of_this_step(metrosep, tmp_path):
     """The column of the readings is called radius here, so the option cannot be."""
     file = semicolons(tmp_path / "t.txt", zip(*trace(), strict=True), TRACE[1::2])
