@@ -144,7 +144,7 @@ def _with_draft(
         trial.edit([Edit(("output", at), old, dict(draft))])
     except RecipeError as exc:
         missing = _missing(draft)
-        words = {"message": str(exc), "check": "", "checks": [], "waivable": False}
+        words = {"message": page_words(str(exc)), "check": "", "checks": [], "waivable": False}
         return document.recipe, {**words, "option": missing}
     return trial.recipe, None
 

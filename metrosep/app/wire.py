@@ -140,6 +140,8 @@ _PAIR = re.compile(
     r"(?: in \[\w+\]| here\b| there\b)?"
 )
 _NAMED = re.compile(rf"{_OWN}=(?=[\s,;)]|\.(?!\w)|$)")
+_MACHINE = re.compile(r": write machine = \{[^{}]*\}")
+"""Facts of a controller that are missing: the page has a field for each."""
 _BAND = re.compile(r"\blambda_(?=[a-z]\b)")
 _SUFFIX = re.compile(r"\.[A-Za-z]")
 _TURNS = re.compile("[\u202a-\u202e\u2066-\u2069]")
@@ -189,7 +191,7 @@ def page_words(message: str, names: Iterable[object] = ()) -> str:
     longest = sorted(filter(None, known), key=len, reverse=True)
     files = "|".join([*(rf"(?<!\w){re.escape(n)}(?!\w)" for n in longest), _HEAD])
     text = re.sub(files, keep, _TURNS.sub("\ufffd", message))
-    text = _SWITCH.sub(switched, _LINE.sub("", text))
+    text = _SWITCH.sub(switched, _LINE.sub("", _MACHINE.sub("", text)))
     text = _NAMED.sub(lambda m: field_words(m[1]), _PAIR.sub(pair, text))
     return re.sub(_MARKS, lambda m: kept[ord(m[0]) - _KEPT], _BAND.sub("\u03bb", text))
 

@@ -172,7 +172,9 @@ def test_a_controller_that_must_be_told_something_waits_as_a_draft(
     )
 
     assert "count" in page.text(".table-draft")
-    assert "cannot be written without count=" in page.text(".table-findings")
+    said = page.text(".table-findings")
+    assert "cannot be written without count (length of one count" in said
+    assert "{" not in said  # the page has a field for it
     assert page.run("document.querySelector('#table-export').disabled")
     assert page.text("#table-reason") == "Not yet: the controller must be told more first"
     assert page.run("document.querySelector('#undo').disabled")  # nothing was edited
