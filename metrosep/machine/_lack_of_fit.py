@@ -200,22 +200,19 @@ def sentence(
     size: float,
     or_term: str = "",
     u: str = "u of the curves contains it",
+    follow: str = "",
 ) -> str:
     """Return what the curves of a set leave, where, of which size, and what to do."""
     places = " to ".join(dict.fromkeys(format_engineering(v, unit) for v in at))
     height = format_engineering(size, read)
-    each = (
-        f"calibrate the travel on each side by itself, or give a degree of {axis} that follows it"
-    )
+    follow = follow or f"give a degree of {axis} that follows it"
+    each = f"calibrate the travel on each side by itself, or {follow}"
     if kind == "waves":
         length = (
             f"{math.degrees(at[0]):.3g} deg" if unit == "rad" else format_engineering(at[0], unit)
         )
         what = f"repeats every {length} of {axis}, amplitude {height}"
-        why, remedy = (
-            "no order that was fitted follows it",
-            f"give a degree of {axis} that follows it",
-        )
+        why, remedy = "no order that was fitted follows it", follow
         remedy += or_term
     elif kind == "jumps":
         what = f"jumps by {height} between {axis} = {places.replace(' to ', ' and ')}"
@@ -263,8 +260,16 @@ def rings_left(
         return []
     return [
         sentence(
-            label, best[1], "radius", "m", "m", best[2], best[3], u="and u does not contain it"
-        )
+            label,
+            best[1],
+            "rho",
+            "m",
+            "m",
+            best[2],
+            best[3],
+            u="and u does not contain it",
+            follow="give the curves more orders",
+        )  # rho: a radius in a message is a key of the command
     ]
 
 
