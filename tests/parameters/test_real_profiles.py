@@ -5,6 +5,7 @@ one with missing samples at its ends, one of a probe; the last two are levelled 
 """
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -65,9 +66,11 @@ def elements(x, z, up, down):
             else:
                 merged.append([sign, left, height, k, k])
         edges = [m[1] for m in merged[1:]] + [p[-1][1] if merged[-1][4] < len(p) - 1 else np.nan]
-        for i in range(len(merged) - 1):
-            if merged[i][3] > 0 and not np.isnan(edges[i + 1]):
-                found.append((edges[i + 1] - merged[i][1], merged[i][2] + merged[i + 1][2]))
+        found += [
+            (end - one[1], one[2] + two[2])
+            for one, two, end in zip(merged, merged[1:], edges[1:], strict=False)
+            if one[3] > 0 and not np.isnan(end)
+        ]
     return np.array(found)
 
 
@@ -145,7 +148,7 @@ def volumes(z):
 
 def of_2021(x, z, dx, n):
     edge = borders(z.size, n)
-    parts = [z[a:b] for a, b in neighbours(edge)]
+    parts = [z[a:b] for a, b in pairwise(edge)]
     p, v = np.mean([q.max() for q in parts]), -np.mean([q.min() for q in parts])
     rms, d, wide = np.sqrt(np.mean(z * z)), z - z.mean(), round(z.size / n)
     found = {"Ra": np.abs(z).mean(), "Rq": rms, "Rp": p, "Rv": v, "Rz": p + v, "Rpt": z.max()}
@@ -187,7 +190,7 @@ def of_2021(x, z, dx, n):
 def of_1997(x, z, dx, n):
     edge = borders(z.size, n)
     rows = []
-    for a, b in neighbours(edge):
+    for a, b in pairwise(edge):
         s = z[a:b]
         rms, g, height = np.sqrt(np.mean(s * s)), slopes(s, dx), np.ptp(s)
         e = elements_1997(x[a:b], s, 0.1 * height, 0.01 * (b - a) * dx)
@@ -202,10 +205,6 @@ def of_1997(x, z, dx, n):
 def borders(size, n):
     """Of sections of equal length; a sample that a border halves is in the earlier one."""
     return [(2 * k * size + n) // (2 * n) for k in range(n + 1)]
-
-
-def neighbours(edge):
-    return list(zip(edge[:-1], edge[1:], strict=True))
 
 
 def measured(path, options, names):
