@@ -461,7 +461,7 @@ KINDS: Mapping[str, Kind] = {
     ),
     "texts": Kind("texts, first,second", _texts, written="list"),
     "any": Kind("numbers", lambda value, _name, _bare: value),
-    "table": Kind("a table of TOML", _typed(dict, "a table")),
+    "table": Kind("a table, A=1, B=2", _typed(dict, "a table")),
     "file": Kind("a file", _typed(str, "the name of a file")),
     "date": Kind("a date, 2026-03-05", _date, None, "2026-03-05"),
     "dates": Kind(

@@ -568,6 +568,8 @@ def format_engineering(value: float, unit: str, *, digits: int = 4) -> str:
     >>> format_engineering(0.5, "V"), format_engineering(-1.6e-4, "rad")
     ('0.5 V', '-160 urad')
     """
+    if math.isnan(value):
+        return "not known"
     if unit == "m":
         return format_length(value, digits=digits)
     if unit == "rad" and 0.0 < abs(value) < 1e-3:
