@@ -34,7 +34,6 @@ from metrosep.io.source import HEAD_BYTES, RawFile
 from metrosep.io.text._compiled import Stamps
 from metrosep.io.text._rows import Block
 from metrosep.io.text.dialect import (
-    NO_READING,
     Layout,
     bare_unit,
     find_layout,
@@ -49,6 +48,7 @@ from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
 from metrosep.io.text.table import Column, Table, TextTable, markers_in, read_table, text_of
 from metrosep.io.text.times import RunningClock, moments
+from metrosep.io.text.words import NO_READING
 
 __all__ = ["channels", "parquet", "read", "sniff", "sqlite", "worksheet"]
 

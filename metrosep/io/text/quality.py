@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.io.text.dialect import BEYOND, bare_unit, is_other_unit
+from metrosep.io.text.dialect import bare_unit, is_other_unit
+from metrosep.io.text.words import BEYOND
 
 if TYPE_CHECKING:
     from metrosep.io.source import RawFile

@@ -34,12 +34,9 @@ from metrosep.io.text._rows import (
     Block,
     Body,
     joined,
-    row_in_comment,
 )
 from metrosep.io.text.dialect import (
-    BEYOND,
     NO_COMMENT,
-    NO_READING,
     find_layout,
     is_comment,
     number_of,
@@ -66,6 +63,7 @@ from metrosep.io.text.lines import (
     lines_of_field,
     one_or_thousand,
     refuse_quotes,
+    row_in_comment,
     unframed,
 )
 from metrosep.io.text.preamble import BEGUN, Preamble, names_a_number
@@ -78,6 +76,7 @@ from metrosep.io.text.times import (
     may_be_minutes,
     moments,
 )
+from metrosep.io.text.words import BEYOND, NO_READING
 
 __all__ = [
     "AS_THEY_FOLLOW",
@@ -787,6 +786,10 @@ class TableHead:
             if kind == "comment":
                 is_named = _NUMBER_SIGN.match(line)  # the name of the first column is #
                 marks = " \t" if is_named else '#%!;/" \t'
+                if line.lstrip()[0] == layout.dialect.separator and layout.n == len(
+                    layout.dialect.split([line])[0]
+                ):
+                    marks = " \t"  # the first column has no name
                 self.comments.append(line.strip().lstrip(marks).rstrip('"'))
                 commented = place if is_named else 0
         preamble.take_comment(self.comments, commented)
