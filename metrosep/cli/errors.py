@@ -49,7 +49,9 @@ _CALL = re.compile(
 """A way out that is a call of Python, before the command that does the same."""
 
 
-_SKIPPED = re.compile(r"leave that line out with (?:--)?skip[-_]lines ?=? ?\W?[\d,-]+\W?(?! in \[input\])")
+_SKIPPED = re.compile(
+    r"leave that line out with (?:--)?skip[-_]lines ?=? ?\W?[\d,-]+\W?(?! in \[input\])"
+)
 """A way out that a command lacks whose files are read without options."""
 
 

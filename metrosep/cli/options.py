@@ -401,10 +401,7 @@ def lacking_facts(controller: str, given: Iterable[str]) -> dict[str, str]:
     if missing:
         split_machine(known, dialect.options, controller)  # a name may be misspelt
     such = {k: f', as in --machine "{k}={v}"' for k, v in dialect.info.example.items()}
-    return {
-        f"machine {o.name}=...": f"{o.name}: {o.help}{such.get(o.name, '')}"
-        for o in missing
-    }
+    return {f"machine {o.name}=...": f"{o.name}: {o.help}{such.get(o.name, '')}" for o in missing}
 
 
 def note_facts(controller: str) -> None:

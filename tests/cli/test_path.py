@@ -406,7 +406,17 @@ def test_a_nose_that_cannot_be_is_refused(call, tmp_path, words, said):
 
 def test_a_program_in_diameters_beyond_the_map_is_told_of_its_option(call, tmp_path):
     (tmp_path / "lathe.nc").write_text("G21 G90\nG0 X8.0 C0.0 Z1.0\nG1 C90.0 F5\nM30\n")
-    words = ("lathe.nc", "--error", "error.x3p", "-o", "out.nc", "--c-sense", "+1", "--nose", "0 mm")
+    words = (
+        "lathe.nc",
+        "--error",
+        "error.x3p",
+        "-o",
+        "out.nc",
+        "--c-sense",
+        "+1",
+        "--nose",
+        "0 mm",
+    )
     code, _, err = call(*words)
     assert code == 4
     assert "if they are diameters, say --diameter" in err
