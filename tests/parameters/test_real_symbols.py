@@ -27,8 +27,6 @@ SUMMED = {
     "Sp",
     "Sv",
     "Sz",
-    "Sdq",
-    "Sdr",
     "Ssw",
     "Spd",
     "Svd",
@@ -130,7 +128,10 @@ def lags(z, dx, dy):
         if below.size:
             k = below[0]
             ends.append(np.hypot(u[k] * dx, v[k] * dy))
-    return {"Sal": min(ends), "Str": min(ends) / max(ends)}
+    whole = (
+        {"Str": min(ends) / max(ends)} if len(ends) == 720 else {}
+    )  # else the lobe is not seen whole
+    return {"Sal": min(ends)} | whole
 
 
 LARGEST = 50
