@@ -194,3 +194,18 @@ def test_a_table_beside_the_profile_is_left_out_by_the_option_that_the_message_n
     assert found.x.size == N
     z = [0.5e-6 if k == AT else 1e-6 * v for k, v in enumerate(Z)]
     np.testing.assert_allclose(found.z, z, rtol=0.0, atol=TIGHT)
+
+
+def test_all_titles_of_blocks_are_left_out_at_once(put):
+    """Each was refused in its turn: who had forty pages pasted forty hints."""
+    block = rows("heights last", "0.5")
+    path = put("".join(f"Page {k} of 4\n{block}\n" for k in range(1, 5)))
+
+    with pytest.raises(
+        ms.errors.ReadError, match=r"'Page 2 of 4' \(and 2 more like it\)"
+    ) as caught:
+        ms.read(path)
+    lines = option_of(str(caught.value), "skip_lines")
+    runs = ms.read_runs(path, x="x [mm]", z="z [um]", run="blocks", **lines)
+
+    assert [r.x.size for r in runs] == [N] * 4

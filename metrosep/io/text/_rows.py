@@ -28,6 +28,7 @@ from metrosep.io.text._compiled import (
     may_hold_words,
     n_in,
     single_blanks,
+    stacked,
     without_groups,
     without_quotes,
     words_in,
@@ -135,7 +136,7 @@ def joined(blocks: Iterable[Block], labels: Sequence[bool], size: int) -> Block:
         n = end
     for kept in (lines, *(c for c in columns if not isinstance(c, list))):
         kept.resize(n, refcheck=False)
-    return Block([Stamps.below(c) if isinstance(c, list) else c for c in columns], lines)
+    return Block([stacked(c) if isinstance(c, list) else c for c in columns], lines)
 
 
 class Body:

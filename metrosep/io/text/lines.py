@@ -172,6 +172,9 @@ def bad_field(
     )
 
 
+_DIGITS = re.compile(r"\d+")
+
+
 def stray_text(
     file: RawFile, layout: Layout, line: str, number: int, below: Sequence[str]
 ) -> CorruptFileError:
@@ -187,12 +190,17 @@ def stray_text(
                 hint=f"leave out what stands above it with skip_rows='{number - 1}', or, if the first table is wanted, "
                 f"leave out this one with {file.without_lines(*range(number, number + n + 1))}",
             )
+    shape = _DIGITS.sub(
+        "0", line.strip()
+    )  # also Run 3, Run 4: each would be the next to be refused
+    alike = [k for k, t in enumerate(below, number + 1) if _DIGITS.sub("0", t.strip()) == shape]
+    also = f" (and {len(alike)} more like it)" if alike else ""
     return file.corrupt(
         "a line of text stands within the table",
         field=f"line {number}",
         expected=f"{layout.n} fields ({layout.dialect})",
-        found=repr(line.strip()[:60]),
-        hint=f"if it may be omitted, give {file.without_lines(number)}; else split the file there",
+        found=repr(line.strip()[:60]) + also,
+        hint=f"if it may be omitted, give {file.without_lines(number, *alike)}; else split the file there",
     )
 
 
