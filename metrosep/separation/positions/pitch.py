@@ -298,8 +298,10 @@ def pitch_errors(
     said = heat.messages if unit == "m" else ()
     if is_closed and any(apart.values()):
         said = (
-            f"{math.degrees(p[0]):.9g} and {math.degrees(p[-1]):.9g} deg are one place: their readings, "
-            "which differ by no more than their scatter, are averaged",
+            (
+                f"{math.degrees(p[0]):.9g} and {math.degrees(p[-1]):.9g} deg are one place: their readings, "
+                "which differ by no more than their scatter, are averaged"
+            ),
         )
     if np.ptp(np.diff(p)) <= _SAME_STEP * step:
         said = (*said, EQUAL_STEPS)
