@@ -218,7 +218,9 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
   metrics.show(session);
   drawStage();
   tabs.changed(isNewFile, isNewFile ? session.view?.tab : undefined);
-  if (changed && session.kind) ladder.climb();
+  if (!changed || !session.kind) return;
+  drawFull("busy", "full resolution…"); // as the verdict waits for it
+  ladder.climb();
 }
 
 /** The step that is shown; of all steps the last that is carried out. */
