@@ -23,9 +23,9 @@ from metrosep.io.own_notes import is_marked
 from metrosep.io.several_runs import BLOCKS, FoundRuns
 from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import encoding_hint, find_column, header_unit, holds_counts
-from metrosep.io.text.encoding import ROLE_WORDS, Role
 from metrosep.io.text.table import Column, Table
 from metrosep.io.text.times import LONG_AGO_S, written_moments
+from metrosep.io.text.words import ROLE_WORDS, Role
 
 __all__ = [
     "ColumnSpec",
@@ -379,6 +379,11 @@ def no_unit(file: RawFile, columns: Mapping[str, str], dimension: str) -> UnitEr
             return UnitError(
                 f"{where}: {odd}; correct the header, or give {role}=({name!r}, {usual!r})"
             )
+        if pages := _pages_with_unit(name):
+            return UnitError(
+                f"{where}: read as {' or '.join(pages)} it has one; give encoding={pages[0]!r} if the other names of "
+                "the columns are right then"
+            )
         if odd := encoding_hint([name]):
             return UnitError(f"{where}: {odd}")
         if holds_counts(name):
@@ -404,6 +409,35 @@ def no_unit(file: RawFile, columns: Mapping[str, str], dimension: str) -> UnitEr
         f"{file.path}: columns {named} declare no unit; give unit={usual!r} if all are in it, or one for each: "
         f"{each}"
     )
+
+
+_PAGES = (
+    "cp850",
+    "koi8_r",
+    "cp1251",
+    "cp932",
+    "euc_jp",
+    "iso2022_jp",
+    "gb18030",
+    "big5",
+    "euc_kr",
+)
+"""Encodings in which instruments write names; those whose words are known are found without being named."""
+
+
+def _pages_with_unit(name: str) -> list[str]:
+    """Return the encodings in which the name of a column, read as Latin-1, names a unit."""
+    found = []
+    for page in _PAGES:
+        for own in ("cp1252", "latin-1"):
+            try:
+                text = name.encode(own).decode(page)
+            except UnicodeError:
+                continue
+            if text != name and header_unit(text)[1] is not None:
+                found.append(page)
+                break
+    return found
 
 
 def since_first_row(

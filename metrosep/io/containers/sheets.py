@@ -42,13 +42,13 @@ from metrosep.io.source import MAX_PIXELS, RawFile
 from metrosep.io.text._rows import DECIMAL_SHOWN
 from metrosep.io.text.dialect import (
     NO_COMMENT,
-    NO_READING,
     NUMBER_LIKE,
     Dialect,
     bare_unit,
     is_comment,
 )
 from metrosep.io.text.times import is_moment
+from metrosep.io.text.words import NO_READING
 
 if TYPE_CHECKING:
     import sqlite3
