@@ -98,6 +98,8 @@ def as_options(
             r"\w\([^()]*$|--machine \"?$", before
         ):  # a call of Python, or written already
             return found.group()
+        if re.search(r"(?:^|[^\w=])(?<!= )['\"]$", before):  # the name of a column
+            return found.group()
         if found.group(1) in _PLACES and before.endswith("at ") and found.group(4):
             return _place(found.group(1), found.group(4))
         quoted, plain = found.group(3), found.group(4)

@@ -244,7 +244,9 @@ def _poses(
 
     for name in _OF_PARTS:
         if options[name] not in (None, ()):
-            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --machine")
+            raise click.UsageError(
+                f"--{name.replace('_', '-')} does not go with --machine; leave it out"
+            )
     blocks = is_program(source)
     for name in ("units",) if blocks else _OF_PROGRAMS:
         if {**options, **own}[name] not in (None, ()):

@@ -142,7 +142,7 @@ def rolling_grid(
     elif spacing is not None and not is_whole(span / step):
         raise TableError(
             f"{axis}: the span {format_along(axis, span)} is not a multiple of the spacing "
-            f"{format_along(axis, step)}; entries stand at equal steps over it"
+            f"{format_along(axis, step)}; entries have equal steps over it: choose a spacing that divides the span"
         )
     else:
         n = max(1, round(span / step))

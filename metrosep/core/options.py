@@ -262,7 +262,9 @@ def _column(value: Any, name: str, bare: bool) -> Any:
         for key in (k for k in value if k not in known):
             hint = did_you_mean(key, sorted(known))
             raise OptionError(f'unknown key "{key}"; known: column, unit, scale.{hint}')
-    raise OptionError('a column is its name, or { column = "X", unit = "mm" }')
+    raise OptionError(
+        f'a column is given by its name, or as {{ column = "X", unit = "mm" }}; got {value!r}'
+    )
 
 
 def _lag(value: Any, name: str, bare: bool) -> Any:

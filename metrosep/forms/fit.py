@@ -293,14 +293,14 @@ def _tied(names: Sequence[str], cov: FloatArray) -> list[str]:
         return []
     r = cov / np.outer(sd, sd)
     pairs = [
-        (abs(r[i, j]), f"{names[i]} and {names[j]} are strongly correlated ( {r[i, j]:+.4f})")
+        (abs(r[i, j]), f"{names[i]} and {names[j]} are strongly correlated ({r[i, j]:+.4f})")
         for i in range(len(names))
         for j in range(i)
         if abs(r[i, j]) > _STRONG
     ]
     pairs.sort(key=lambda pair: -pair[0])
     return [
-        f"{text}: the data hardly tell one from the other; hold one if it is known"
+        f"{text}: these data cannot distinguish them well; hold one of them if its value is known"
         for _, text in pairs[:5]
     ]
 

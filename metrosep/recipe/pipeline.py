@@ -629,7 +629,7 @@ def _step_height(obj: Measured, options: Mapping[str, Any]) -> Done:
 
     if isinstance(obj, Profile):
         if "axis" in options:
-            raise StepError("axis belongs to maps, and this is a profile", "axis")
+            raise StepError("axis belongs to maps, and this is a profile: leave it out", "axis")
         letter = profile_kind(obj)
         if letter in ("R", "W"):
             raise StepError(

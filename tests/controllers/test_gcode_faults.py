@@ -389,8 +389,8 @@ def test_x_keeps_its_digits_and_comments_keep_theirs(folder):
     ("body", "part"),
     [
         ("G1 Z0.1" + "1" * 400 + " F10\n", "digits after the point"),
-        ("G1 Z1" + "0" * 300 + ". F10\n", "no machine goes there"),
-        ("G1 X1" + "0" * 400 + ". F10\n", "no machine goes there"),
+        ("G1 Z1" + "0" * 300 + ". F10\n", "beyond the travel of any machine"),
+        ("G1 X1" + "0" * 400 + ". F10\n", "beyond the travel of any machine"),
     ],
 )
 def test_numbers_without_sense_are_refused_with_line(folder, body, part):

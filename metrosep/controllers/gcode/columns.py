@@ -387,7 +387,7 @@ def check_size(values: FloatArray, letter: str, columns: Columns) -> None:
     if large.any():
         i = int(np.flatnonzero(large)[0])
         raise DataError(
-            f"line {columns.line_of(i)}: {letter} is {values[i]:.6g}; no machine goes there"
+            f"line {columns.line_of(i)}: {letter} is {values[i]:.6g}, beyond the travel of any machine; check the number and its unit"
         )
 
 
