@@ -1,7 +1,7 @@
 """Error terms as files: a table of the terms of one axis, and a list of constants.
 
-x_mm,EXX_um,EBX_urad        first column: the axis and its unit; the others: terms of that axis
-0,0.00,1.2
+x_mm,EXX_um,EBX_urad        one column: the axis and its unit; the others: terms of that axis
+0,0.00,1.2                  or x_mm;EXX_um and 0;0,00 (semicolon or tab, decimal comma or point)
 
 C0Y = "12 urad"             TOML: a value with its unit for each constant
 u_C0Y = "0.5 urad"          its standard uncertainty, and u_EXX_um beside EXX_um in a table
@@ -70,27 +70,36 @@ def read_term_table(
         raise ReadError(
             f"{file}: cannot be read ({exc}); a CSV file of errors is needed"
         ) from None
-    lines = [
-        (i, [c.strip() for c in line.split(",")])
+    content = [
+        (i, line)
         for i, line in enumerate(text.splitlines(), 1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
-    if len(lines) < 3:
+    if len(content) < 3:
         raise DataError(
-            f"{file}: holds no table of errors: a line of names and two rows are needed"
+            f"{file}: is not a table of errors: a line of names and two rows are needed"
         )
+    mark = next((m for m in ";\t" if m in content[0][1]), ",")
+    lines = [(i, [c.strip() for c in line.split(mark)]) for i, line in content]
     axes = {a.lower(): a for a in kinds}
+    heads = lines[0][1]
+    at = [k for k, c in enumerate(heads) if c.rpartition("_")[0].lower() in axes]
+    if len(at) != 1:
+        raise DataError(
+            f"{file}: has the columns {', '.join(heads)}; one of them holds the positions of an axis of the "
+            f"machine, with its unit, such as {next(iter(axes))}_mm"
+        )
+    # the positions first, wherever they stand
+    lines = [
+        (i, [*cells[at[0] : at[0] + 1], *cells[: at[0]], *cells[at[0] + 1 :]])
+        for i, cells in lines
+    ]
     scales: list[float] = []
     names: list[str] = []
     for k, column in enumerate(lines[0][1]):
         name, _, unit = column.rpartition("_")
         spread = name.startswith(_U) and k > 0
         name = name.removeprefix(_U) if spread else name
-        if k == 0 and name.lower() not in axes:
-            raise DataError(
-                f"{file}: the first column is {column!r}; the position is needed there, an axis of the machine "
-                f"with its unit such as {next(iter(axes))}_mm"
-            )
         own = axes[name.lower()] if k == 0 else name
         if k and axis_of(own) != names[0]:
             raise DataError(
@@ -107,11 +116,16 @@ def read_term_table(
     rows = []
     for number, cells in lines[1:]:
         try:
-            row = [float(c) for c in cells]
+            row = [float(c if mark == "," else c.replace(",", ".")) for c in cells]
         except ValueError:
             row = []
         if len(row) != len(names):
             raise DataError(f"{file}: line {number} has not {len(names)} numbers")
+        if not np.isfinite(row).all():
+            raise DataError(
+                f"{file}: line {number} holds a value that is not a number (NaN) or infinite; leave out the line "
+                "of a place that was not measured"
+            )
         rows.append(row)
     columns = {n: [row[k] * scales[k] for row in rows] for k, n in enumerate(names)}
     place = columns.pop(names[0])

@@ -84,3 +84,28 @@ def test_constants_have_their_uncertainty_beside_them():
     assert tomllib.loads(text) == {
         "C0Y": "12.000000 urad", "u_C0Y": "0.500000 urad", "X0C": "-3.000000 um"
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x_mm,EXX_um,EBX_urad\n0,0.25,-1.5\n10,-1.75,2\n",
+        "x_mm;EXX_um;EBX_urad\n0,0;0,25;-1,5\n10,0;-1,75;2\n",
+        "EXX_um\tEBX_urad\tx_mm\n0.25\t-1.5\t0\n-1.75\t2\t10\n",
+        "EBX_urad;x_mm;EXX_um\n-1,5;0;0,25\n2;10;-1,75\n",
+    ],
+)
+def test_marks_and_the_order_of_columns_do_not_matter(tmp_path, text):
+    (tmp_path / "x.csv").write_text(text)
+    found = read_term_table(tmp_path / "x.csv", KINDS)
+    # a quarter of the way, by hand
+    for name, value in (("EXX", -0.25e-6), ("EBX", -0.625e-6)):
+        term, span = found[name]
+        assert float(term.evaluate(2.5e-3)) == pytest.approx(value, abs=1e-15)
+        assert span == pytest.approx((0.0, 0.01), abs=1e-15)
+
+
+def test_a_place_that_was_not_measured_is_refused_by_its_line(tmp_path):
+    (tmp_path / "x.csv").write_text("# of May\nx_mm,EXX_um\n0,0.25\n10,NaN\n20,1\n")
+    with pytest.raises(DataError, match=r"x\.csv: line 4 holds a value that is not a number"):
+        read_term_table(tmp_path / "x.csv", KINDS)
