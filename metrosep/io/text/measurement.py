@@ -778,7 +778,8 @@ def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
     if n == 1:
         advice = "give the step of the positions with lateral_step='... um', or sampling_rate="
     else:
-        run = next((c.name for c in table.columns if role_of(c.name) == "run"), "COLUMN")
+        runs = (c.name for c in table.columns if role_of(c.name) == "run" and c.unit is None)
+        run = next(runs, "COLUMN")
         call = shlex.join(["--x", "COLUMN", "--z", "COLUMN", "--run", run])
         advice = (
             "name two with x= and z=, give sampling_rate= for a recording without a column of time, or "
