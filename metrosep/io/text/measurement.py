@@ -751,7 +751,8 @@ _BEGIN = frozenset("0123456789+-.,(\u2212")
 
 
 def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
-    n = len(table.numbers)
+    numbers = tuple(c.name for c in table.numbers)
+    n = len(numbers)
     found = runs_in(table)
     if found is not None:
         return SeveralRunsError(file.path, found)
@@ -788,7 +789,7 @@ def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
         if is_matrix(table):
             advice += "; for a map of heights give unit='nm' and lateral_step='3 um'"
     return FormatMismatchError(
-        f"{file.path}: has {n} column(s) of numbers ({shown_columns(table.names)}) and none is a time; "
+        f"{file.path}: has {n} column(s) of numbers ({shown_columns(numbers)}) and none is a time; "
         f"{advice}"
     )
 

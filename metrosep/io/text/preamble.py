@@ -109,6 +109,15 @@ _UNDERLINE = 5
 """Dashes in a row from which a line below the name of a single column is drawn: shorter ones are words."""
 
 
+def _unit_of(name: str) -> Unit | None:
+    """Return the unit that the name of a column declares; a column called Second counts them."""
+    unit = header_unit(name)[1]
+    if unit is None and (len(name) > len("s") + 1 or not name.isascii()):
+        own = bare_unit(name)
+        return own if own is not None and own.name == "s" else None
+    return unit
+
+
 class Preamble:
     """The lines above a table: units, names, a count; text above the names is a preamble."""
 
@@ -378,7 +387,7 @@ class Preamble:
         for i, text in enumerate(self._as_written):
             if is_other_unit(text) and any(map(str.isalpha, text)):
                 names[i] = f"{names[i]} [{text.strip('[]()<> ')}]"
-        units = [header_unit(n)[1] if self.named else None for n in raw]
+        units = [_unit_of(n) if self.named else None for n in raw]
         for name, unit in zip(raw, units, strict=True):
             inner = header_unit(name)[0].strip()
             other = header_unit(inner)[1] if inner.endswith((")", "]")) else None
