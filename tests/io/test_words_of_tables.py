@@ -236,3 +236,19 @@ def test_a_smallest_value_is_no_minute(put):
 
     with pytest.raises(ms.errors.ReadError, match="none is a time"):
         ms.read(put(text))
+
+
+def test_a_title_of_units_is_left_out_by_the_option_that_the_message_names(put):
+    path = put("nm um\n" + rows("heights last", "0.5"))
+    with pytest.raises(ms.errors.ReadError, match=r"line 1 with .* if it is a title") as caught:
+        ms.read(path)
+    found = ms.read(path, **option_of(str(caught.value), "skip_lines"))
+
+    np.testing.assert_allclose(found.x, [1e-3 * v for v in X], rtol=0.0, atol=TIGHT)
+
+
+def test_groups_of_two_digits_are_named(put):
+    text = "x [µm];z [nm]\n" + "".join(f"{k};1,{k:02d},000.50\n" for k in range(N))
+
+    with pytest.raises(ms.errors.ReadError, match="lakh"):
+        ms.read(put(text))

@@ -135,6 +135,7 @@ class Preamble:
         self._names: list[str] | None = None
         self._units: list[Unit | None] | None = None
         self._as_written: list[str] = []  # the row of units
+        self._units_at = 0  # its line, 0 for a comment
         self._listed_at: tuple[int, str] | None = None  # units behind a word, above the names
         self._count: int | None = None
         self._named_at = (0, "")
@@ -176,6 +177,7 @@ class Preamble:
             self._take_odd_names(number, empty)
             self._units = units * self._n if shared else units
             self._as_written = fields * self._n if shared else fields
+            self._units_at = number
             if listed and self._names is None:
                 self._listed_at = (number, line.strip())
             self.rows.append(fields)
@@ -403,10 +405,17 @@ class Preamble:
             if own is not None and unit is not None and own != unit:
                 raise FormatMismatchError(
                     f"{self._file.path}: column {names[i]!r} is in {own.name} by its name, but in "
-                    f"{unit.name} by the row of units; correct the header"
+                    f"{unit.name} by the row of units; correct the header{self._or_without_units()}"
                 )
             units[i] = own or unit
         return tuple(names), tuple(units)
+
+    def _or_without_units(self) -> str:
+        """Return the option that leaves out a row of units that may be a title, such as nm um."""
+        out = self._file.without_lines(self._units_at)
+        return f", or leave out line {self._units_at} with {out} if it is a title" * (
+            self._units_at > 0
+        )
 
     def _is_list(self, names: Sequence[str], units: Sequence[Unit | None]) -> bool:
         """Return whether the units above the names are a list that agrees with theirs, not one for each column.
