@@ -337,7 +337,7 @@ def _print_volume(judged: Mapping[str, Any], messages: Sequence[str]) -> None:
 
     for text in (*messages, *_about_volume(judged)):
         say(f"note: {text}")
-    before, after = (format_length(judged[k], digits=4) for k in ("before_rms_m", "after_rms_m"))
+    before, after = (_size(judged[k], 4) for k in ("before_rms_m", "after_rms_m"))
     say(
         f"error of the tool point, {judged['places']} places off the nodes: RMS {before} -> {after}"
     )
@@ -477,11 +477,11 @@ def _about_volume(judged: Mapping[str, Any]) -> list[str]:
     return said
 
 
-def _size(length: float) -> str:
+def _size(length: float, digits: int = 3) -> str:
     """Return a length for people; what rounding leaves is below a picometre."""
     from metrosep.core.units import format_length
 
-    return "below 1 pm" if length < _PICOMETRE else format_length(length, digits=3)
+    return "below 1 pm" if length < _PICOMETRE else format_length(length, digits=digits)
 
 
 def _of_grid(data: bytes, made: MachineVolume) -> dict[str, Any]:
@@ -719,7 +719,6 @@ def _written(
     from metrosep.cli.tables import print_table
     from metrosep.controllers.base import sidecar_path
     from metrosep.core.errors import SignCheckFailedError, WriteError
-    from metrosep.core.units import format_length
 
     together = {
         "files": [p.target.name for p in ready],
@@ -730,7 +729,7 @@ def _written(
     }
     for text in messages:
         say(f"note: {text}")
-    sizes = f"RMS {format_length(before, digits=4)} -> {format_length(after, digits=4)}"
+    sizes = f"RMS {_size(before, 4)} -> {_size(after, 4)}"
     if not after < before and "dry-run" not in options["waive"]:
         raise SignCheckFailedError(
             f"{ready[0].target.parent}: the files together do not shrink the error of the tool point, {sizes}; "

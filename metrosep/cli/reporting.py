@@ -272,6 +272,7 @@ def _writers(
     from functools import partial
 
     from metrosep.recipe.preflight import report_formats
+    from metrosep.report.schemas import schema_in
 
     known = report_formats()
     wanted = list(dict.fromkeys(f.strip().lower() for f in formats.split(",") if f.strip()))
@@ -291,8 +292,13 @@ def _writers(
         from metrosep.report.typeset import write_pdf
 
         writers["pdf"] = partial(write_pdf, standard=pdf_standard)
+    if schemas is not None and not {"dcc", "qif"} & writers.keys():
+        raise click.UsageError(
+            "--dcc-schema checks --format dcc or qif; add one of them, or leave it out"
+        )
     for name in ("dcc", "qif") if schemas is not None else ():
         if name in writers:
+            schema_in(Path(schemas), name)  # before any report is made
             writers[name] = partial(cast(Callable[..., Any], writers[name]), schemas=schemas)
     return writers
 

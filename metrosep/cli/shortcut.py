@@ -314,6 +314,8 @@ def typed(key: str, value: str, fields: Mapping[str, Option]) -> str:
 
     field = fields.get(key)
     kind = KINDS["text" if field is None else field.kind]
+    if kind is KINDS["table"]:
+        return _table(key, value)
     if (kind is KINDS["frequencies"] and value == "auto") or kind.written == "text":
         number = field is not None and field.kind in ("degree", "spacing") and value.isdecimal()
         return value if number else quoted(value)
@@ -337,6 +339,30 @@ def _plain(key: str, value: str) -> str:
             f"--set {key}: a number, true or false is needed, found {value!r}"
         ) from None
     return value
+
+
+def _table(key: str, value: str) -> str:
+    """Return ``{ EZX = 6, EZC = "auto" }`` as it is, and ``EZX=6, EZC=auto`` as such a table."""
+    import tomllib
+
+    if value.lstrip().startswith("{"):
+        try:
+            tomllib.loads(f"v = {value}")
+        except tomllib.TOMLDecodeError:
+            raise click.UsageError(
+                f"--set {key}: {value!r} is not a table of TOML; texts in it stand in quotes, or type NAME=VALUE, "
+                "NAME=VALUE"
+            ) from None
+        return value
+    pairs = []
+    for item in value.split(","):
+        name, found, text = (part.strip() for part in item.partition("="))
+        if not (name and found and text):
+            raise click.UsageError(
+                f"--set {key}: NAME=VALUE is needed, with commas, found {item!r}"
+            )
+        pairs.append(f"{quoted(name)} = {text if text.isdecimal() else quoted(text)}")
+    return "{ " + ", ".join(pairs) + " }"
 
 
 def _nested(value: str, *, numbers: bool) -> str:

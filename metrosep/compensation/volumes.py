@@ -527,9 +527,7 @@ def volume_positions(
     )  # fmt: skip
     lines = {axis: _along(source, spans, axis) for axis in spans}
     if max(float(np.ptp(E, axis=(0, 1)).max()) for E in lines.values()) < _NOTHING:
-        raise DataError(
-            "the errors do not move the tool point within these travels: there is nothing to correct"
-        )
+        raise DataError(_nothing_to_correct(next(iter(lines.values()))[0, 0], tuple(spans)))
     found = {}
     for axis, (low, high) in spans.items():
         counts = range(2, _MOST_NODES + 1)
@@ -545,6 +543,24 @@ def volume_positions(
 
 _FINE = 4096
 """Steps along a line of the volume on which errors are looked at: waves down to a thousandth of it."""
+
+
+def _nothing_to_correct(shift: FloatArray, over: Sequence[str]) -> str:
+    """Return why no grid is needed: nothing moves the tool point, or it is moved alike everywhere."""
+    if float(np.abs(shift).max()) < _NOTHING:
+        return (
+            "the errors do not move the tool point within these travels, so there is nothing to correct; an "
+            "angle acts through an arm, so state the tool point that cuts (--tool)"
+        )
+    sizes = ", ".join(
+        f"{a} {format_length(float(v), digits=4)}"
+        for a, v in zip("XYZ", shift, strict=True)
+        if abs(v) >= _NOTHING
+    )
+    return (
+        f"over {', '.join(over)} the errors shift the tool point by the same everywhere (in the workpiece "
+        f"{sizes}): no grid is needed; enter minus that as an offset of the work in the control"
+    )
 
 
 def _along(

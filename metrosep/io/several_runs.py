@@ -109,8 +109,10 @@ def table_advice(path: object, targets: Mapping[str, str]) -> str:
     """Return the call that makes a pitch table of a list of targets."""
     words = [w for k, v in targets.items() for w in (f"--{k}", v)]
     return (
-        "targets that were reached in both directions (a positioning test): fill in the axis (AXIS) and make "
-        f"its pitch table with: metrosep table {shlex.join([str(path), *words])} --axis AXIS -o FILE"
+        "targets that were reached in both directions (a positioning test): fill in the axis (AXIS) and for SENSE "
+        "reached-minus-target where a positive reading means that the axis went too far, else target-minus-reached "
+        "(leave --deviation out where the readings are positions), and make its pitch table with: metrosep table "
+        f"{shlex.join([str(path), *words])} --deviation SENSE --axis AXIS -o FILE"
     )
 
 

@@ -6,7 +6,7 @@ Covariance of one stream of readings at indices i (gaps where readings were left
 
 K is that of a Markov process, so its inverse Q is tridiagonal and ``V^-1 = (Q + a^2 I)^-1 Q``:
 everything is linear in the number of readings. (a, tau) are common to all sets and maximise the
-restricted likelihood (machines.md, eq. 17); s is that of each set.
+restricted likelihood (machines.md, eq. 17); s is that of each group of streams (a set, or one channel of it).
 """
 
 from __future__ import annotations
@@ -37,11 +37,19 @@ _LIMITS = ((0.1, 60.0), (2.0, 2000.0))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stream:
-    """One series of readings in order of time: rows of the design, their index in time, their set."""
+    """One series of readings in order of time: rows of the design, their index in time, their set.
+
+    Streams of one group have one scale of noise; a set is one group unless another is given.
+    """
 
     rows: NDArray[np.intp]
     index: FloatArray
     which: int
+    group: int = -1
+
+    def __post_init__(self) -> None:
+        if self.group < 0:
+            object.__setattr__(self, "group", self.which)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,8 +60,8 @@ class Fit:
     cov: FloatArray
     a: float
     tau: float
-    scales: FloatArray  # s of each set
-    judged: bool  # whether any set was long enough to judge the correlation
+    scales: FloatArray  # s of each group
+    judged: bool  # whether any series was long enough to judge the correlation
 
     @property
     def white(self) -> bool:
@@ -62,7 +70,7 @@ class Fit:
 
 
 class Gls:
-    """The linear problem ``y = X b + noise``, for any drift (a, tau) and scale of each set."""
+    """The linear problem ``y = X b + noise``, for any drift (a, tau) and scale of each group."""
 
     def __init__(
         self,
@@ -74,9 +82,9 @@ class Gls:
         self.X, self.y = X, y
         self.streams = [s for s in streams if s.rows.size]
         self.stated = list(stated)
-        self.rows_of_set = [
+        self.rows_of_group = [
             np.concatenate(
-                [np.zeros(0, dtype=int), *(s.rows for s in self.streams if s.which == k)]
+                [np.zeros(0, dtype=int), *(s.rows for s in self.streams if s.group == k)]
             )
             for k in range(len(self.stated))
         ]
@@ -151,19 +159,18 @@ class Gls:
             solved, added = inverse_times(data[stream.rows], stream.index, a, tau)
             whole[stream.rows] = solved
             logdet += added
-        sets = len(self.stated)
-        normal = np.stack([data[r].T @ whole[r] for r in self.rows_of_set])
+        normal = np.stack([data[r].T @ whole[r] for r in self.rows_of_group])
         variances = np.array([1.0 if u is None else u**2 for u in self.stated])
         free = np.array([u is None for u in self.stated])
         beta, inverse = np.zeros(p), np.zeros((p, p))
-        for _ in range(_ROUNDS if sets > 1 else 1):
+        for _ in range(_ROUNDS if len(self.stated) > 1 else 1):
             total = np.einsum("k,kij->ij", 1.0 / variances, normal)
             inverse = np.linalg.inv(total[:p, :p])
             beta = inverse @ total[:p, p]
             step = np.append(-beta, 1.0)
             squares = np.einsum("i,kij,j->k", step, normal, step)
             used = np.einsum("ij,kji->k", inverse, normal[:, :p, :p]) / variances
-            counts = np.array([r.size for r in self.rows_of_set]) - used
+            counts = np.array([r.size for r in self.rows_of_group]) - used
             new = np.where(free, squares / np.maximum(counts, 1.0), variances)
             variances = np.maximum(new, self.floor)
         total = np.einsum("k,kij->ij", 1.0 / variances, normal)
@@ -172,7 +179,7 @@ class Gls:
         beta = inverse @ total[:p, p]
         step = np.append(-beta, 1.0)
         chi2 = float(np.einsum("k,i,kij,j->", 1.0 / variances, step, normal, step))
-        sizes = np.array([r.size for r in self.rows_of_set])
+        sizes = np.array([r.size for r in self.rows_of_group])
         value = logdet + float(sizes @ np.log(variances)) + (of_design if sign > 0 else math.inf)
         # one common scale left over, which the rounds above did not bring to 1
         if free.all():
@@ -198,7 +205,7 @@ def rounding_covariance(
     """
     added = np.zeros_like(fit.cov)
     for stream, group in zip(streams, alike, strict=True):
-        digit, s = float(steps[stream.which]) ** 2 / 12.0, float(fit.scales[stream.which])
+        digit, s = float(steps[stream.which]) ** 2 / 12.0, float(fit.scales[stream.group])
         if digit == 0.0 or not stream.rows.size:
             continue
         solved, _ = inverse_times(Z[stream.rows], stream.index, fit.a, fit.tau)
@@ -213,20 +220,20 @@ def rounding_covariance(
 def degrees_of(
     Z: FloatArray, streams: Sequence[Stream], fit: Fit, stated: Sequence[float | None]
 ) -> FloatArray:
-    """Return how many readings of each set are left over to know its scale, infinite where it is stated."""
+    """Return how many readings of each group are left over to know its scale, infinite where it is stated."""
     return _degrees(_informed(Z, streams, fit), fit, stated)
 
 
 def _informed(
     Z: FloatArray, streams: Sequence[Stream], fit: Fit
 ) -> list[tuple[int, int, FloatArray]]:
-    """Return of each stream its set, how many readings it has, and ``Z^T V^-1 Z`` over the scale squared."""
+    """Return of each stream its group, how many readings it has, and ``Z^T V^-1 Z`` over the scale squared."""
     found = []
     for stream in streams:
         if stream.rows.size:
             solved, _ = inverse_times(Z[stream.rows], stream.index, fit.a, fit.tau)
-            own = Z[stream.rows].T @ solved / fit.scales[stream.which] ** 2
-            found.append((stream.which, stream.rows.size, own))
+            own = Z[stream.rows].T @ solved / fit.scales[stream.group] ** 2
+            found.append((stream.group, stream.rows.size, own))
     return found
 
 
@@ -242,9 +249,9 @@ def _degrees(
 def few_readings_covariance(
     Z: FloatArray, streams: Sequence[Stream], fit: Fit, stated: Sequence[float | None]
 ) -> FloatArray:
-    """Return what is added to the covariance as the scale of each set is known by few readings only.
+    """Return what is added to the covariance as the scale of each group is known by few readings only.
 
-    Twice the standard deviation is to hold 95.45 %, as of a normal distribution: the part of a set is
+    Twice the standard deviation is to hold 95.45 %, as of a normal distribution: the part of a group is
     that of Student's t of its degrees, so times (t / 2)^2.
     """
     from scipy.stats import t as student

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.units import format_engineering
-from metrosep.machine._bases import Basis, further_orders
+from metrosep.machine._bases import Basis, first_harmonic, further_orders
 from metrosep.machine._drift_noise import Fit, inverse_times
 from metrosep.machine._reading_problem import Problem, System, axis_of_term, places_of
 from metrosep.machine.instruments import Instrument
@@ -200,22 +200,19 @@ def sentence(
     size: float,
     or_term: str = "",
     u: str = "u of the curves contains it",
+    follow: str = "",
 ) -> str:
     """Return what the curves of a set leave, where, of which size, and what to do."""
     places = " to ".join(dict.fromkeys(format_engineering(v, unit) for v in at))
     height = format_engineering(size, read)
-    each = (
-        f"calibrate the travel on each side by itself, or give a degree of {axis} that follows it"
-    )
+    follow = follow or f"give a degree of {axis} that follows it"
+    each = f"calibrate the travel on each side by itself, or {follow}"
     if kind == "waves":
         length = (
             f"{math.degrees(at[0]):.3g} deg" if unit == "rad" else format_engineering(at[0], unit)
         )
         what = f"repeats every {length} of {axis}, amplitude {height}"
-        why, remedy = (
-            "no order that was fitted follows it",
-            f"give a degree of {axis} that follows it",
-        )
+        why, remedy = "no order that was fitted follows it", follow
         remedy += or_term
     elif kind == "jumps":
         what = f"jumps by {height} between {axis} = {places.replace(' to ', ' and ')}"
@@ -263,8 +260,16 @@ def rings_left(
         return []
     return [
         sentence(
-            label, best[1], "radius", "m", "m", best[2], best[3], u="and u does not contain it"
-        )
+            label,
+            best[1],
+            "rho",
+            "m",
+            "m",
+            best[2],
+            best[3],
+            u="and u does not contain it",
+            follow="give the curves more orders",
+        )  # rho: a radius in a message is a key of the command
     ]
 
 
@@ -390,18 +395,20 @@ def left_out(
     to_all = system.V / system.sizes[:, None]
     cases = _cases(problem, used, used.X @ to_all, fit, H)
     moment = np.zeros((P + H.shape[1],) * 2)
-    begin, of_all = 0, []
+    begin, of_all, places = 0, [], {}
     for name, basis in further.items():
-        mine = np.arange(begin, begin + len(basis.labels))
-        begin += mine.size
-        shapes = _shapes(cases, mine, basis)
+        places[name] = np.arange(begin, begin + len(basis.labels))
+        begin += places[name].size
+        bases[name] = _joined(bases[name], basis)
+        at[name] = np.append(at[name], P + places[name])
+    for names in _alike(problem, further):
+        mine = np.concatenate([places[n] for n in names])
+        shapes = _shapes(cases, mine, [further[n] for n in names])
         of_all += shapes
         whole, part = np.append(np.arange(P), P + mine), _moment_of(cases, mine, shapes)
         T = np.zeros((whole.size, part.shape[0]))
         T[:P, : -mine.size], T[P:, -mine.size :] = to_all, np.eye(mine.size)
         moment[np.ix_(whole, whole)] += T @ part @ T.T
-        bases[name] = _joined(bases[name], basis)
-        at[name] = np.append(at[name], P + mine)
     moment[:P, :P] += to_all @ _over_drifts(cases, of_all) @ to_all.T
     return LeftOut(bases, at, moment)
 
@@ -422,6 +429,19 @@ def _with_refused_places(
         stands = np.stack([np.bincount(which, weights=c) for c in mine.T], axis=1)
         found.append(mine | (finite & ((count > 1) & (stands == 0))[which]))
     return found
+
+
+def _alike(problem: Problem, further: Mapping[str, Basis]) -> list[list[str]]:
+    """Return the terms whose further orders have one size: radial motion in two directions, and tilt about two."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for name in further:
+        element = next(
+            e for e in problem.chain.elements if e.name == axis_of_term(problem.chain, name)
+        )
+        is_radial = element.kind == "rotary" and first_harmonic(element, name) == 2
+        kind = ("shift" if name[1] in "XYZ" else "tilt") if is_radial else name
+        found.setdefault((element.name, kind), []).append(name)
+    return [*found.values()]
 
 
 def _joined(first: Basis, more: Basis) -> Basis:
@@ -492,7 +512,7 @@ def _cases(
         # digits of a display that are alike are one error
         digit = float(problem.steps[stream.which]) ** 2 / 12.0
         digit *= stream.rows.size / max(np.unique(group).size, 1)
-        variance = max(float(fit.scales[stream.which]) ** 2, digit)
+        variance = max(float(fit.scales[stream.group]) ** 2, digit)
         scales.append(variance)
         least += stream.rows.size * digit / variance
     stated = any(s.u is not None for s in problem.sets)
@@ -548,17 +568,19 @@ class _Shape:
     variance: float  # of the noise
 
 
-def _shapes(cases: Sequence[_Case], mine: NDArray[np.intp], basis: Basis) -> list[_Shape]:
-    """Return the further orders of one term, of all sizes, falls and drifts."""
-    per = 2 if basis.kind == "fourier" else 1
-    n = np.repeat(np.array(basis.orders, dtype=np.float64), per)
+def _shapes(
+    cases: Sequence[_Case], mine: NDArray[np.intp], bases: Sequence[Basis]
+) -> list[_Shape]:
+    """Return the further orders of terms of one size, of all sizes, falls and drifts."""
+    per = 2 if bases[0].kind == "fourier" else 1
+    n = np.concatenate([np.repeat(np.array(b.orders, dtype=np.float64), per) for b in bases])
     size = 1.0 if per == 2 else np.sqrt(2.0 * n + 1.0)
     before = np.diff(_SMALLER) / len(_FALLS)
     found = []
     for k, case in enumerate(cases):
         S, s = case.S[np.ix_(mine, mine)], case.s[mine]
         for fall in _FALLS:
-            R = size * (n / n[0]) ** -fall
+            R = size * (n / n.min()) ** -fall
             e, U = np.linalg.eigh(S * np.outer(R, R))
             e = np.maximum(e, 0.0)
             if e[-1] <= _SHOWN * float(case.plain[mine] @ R**2):
@@ -602,7 +624,7 @@ def _over_drifts(cases: Sequence[_Case], shapes: Sequence[_Shape]) -> FloatArray
 def _moment_of(
     cases: Sequence[_Case], mine: NDArray[np.intp], shapes: Sequence[_Shape]
 ) -> FloatArray:
-    """Return the mean square of coefficients (reduced) and further orders of one term."""
+    """Return the mean square of coefficients (reduced) and further orders of terms of one size."""
     _, weights = _weights(cases, shapes)
     r = cases[0].D.shape[0]
     found = np.zeros((r + mine.size,) * 2)

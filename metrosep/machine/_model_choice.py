@@ -9,19 +9,22 @@ its noise.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TooFewSamplesError
-from metrosep.machine._drift_noise import Fit, Gls, inverse_times
+from metrosep.core.units import format_engineering
+from metrosep.machine._drift_noise import Fit, Gls, degrees_of, inverse_times
 from metrosep.machine._lack_of_fit import sentence
 from metrosep.machine._reading_problem import (
     Problem,
+    ReadingSet,
     System,
     axis_of_term,
+    places_of,
     places_seen,
     with_order,
 )
@@ -44,6 +47,8 @@ _LINE = (
 )
 _SHOWN = 5.0
 """Standard deviations by which other sets must show what they foretell."""
+_PASTED = 5
+"""Readings in a row that agree with others in every digit."""
 _ROUNDING = 1e-9
 _DRAWN = 0.5
 """Share of the readings, repeats at one place counted once, that coefficients may take."""
@@ -83,7 +88,7 @@ def raised_degrees(
         if not at:
             continue
         found = wider[at]
-        better = Gls(found.design, found.y, found.streams, [s.u for s in problem.sets]).best()
+        better = Gls(found.design, found.y, found.streams, problem.stated).best()
         if _cost(found, better, floors) < here - _WORTH:
             raised[axis] = at
     return raised
@@ -102,7 +107,7 @@ def _plain(system: System, fit: Fit, floors: FloatArray) -> float:
     """Return the cost of a model by ordinary least squares with the weights of a fit."""
     weights, least = np.empty(system.y.size), 0.0
     for stream in system.streams:
-        s = max(fit.scales[stream.which], floors[stream.which])
+        s = max(fit.scales[stream.group], floors[stream.which])
         weights[stream.rows] = 1.0 / s
         least += stream.rows.size * float(floors[stream.which] / s) ** 2  # steps are no form
     Z = np.linalg.qr(system.design * weights[:, None])[0]
@@ -118,7 +123,7 @@ def _cost(system: System, fit: Fit, floors: FloatArray) -> float:
     total = fit.beta.size * math.log(max(system.y.size, 2))
     for stream in system.streams:
         solved, logdet = inverse_times(rest[stream.rows][:, None], stream.index, fit.a, fit.tau)
-        s = float(max(fit.scales[stream.which], floors[stream.which]))
+        s = float(max(fit.scales[stream.group], floors[stream.which]))
         total += logdet + 2.0 * stream.rows.size * math.log(s)
         total += float(rest[stream.rows] @ solved[:, 0]) / s**2
     return float(total)
@@ -183,7 +188,7 @@ def factors_of_sets(problem: Problem, system: System, fit: Fit) -> list[str]:
     said, begin = [], 0
     weights = np.empty(system.y.size)
     for stream in system.streams:
-        weights[stream.rows] = 1.0 / fit.scales[stream.which]
+        weights[stream.rows] = 1.0 / fit.scales[stream.group]
     X = system.X / system.sizes * weights[:, None]
     y = system.y * weights
     for k, end in enumerate(system.ends):
@@ -280,6 +285,89 @@ def sets_that_add_nothing(problem: Problem, system: System) -> list[str]:
     return said
 
 
+def harmonics_alike(problem: Problem) -> list[str]:
+    """Return a sentence for each turn with so few places that the next harmonics look like those fitted."""
+    said = []
+    for element in problem.chain.elements:
+        own = set(element_terms(element))
+        tops = [
+            max(b.orders) for n, b in problem.bases.items() if b.kind == "fourier" and n in own
+        ]
+        places = places_of(element, problem.sets)
+        if not tops or places is None:
+            continue
+        n = np.unique(np.round(np.mod(places, 2.0 * math.pi), 9)).size
+        top = max(tops)
+        if n - top > 2 * top:
+            continue
+        said.append(
+            f"{element.name} was read at {n} places: there harmonics from {n - top} on look like those from "
+            f"{top} down; u takes their size from what harmonics between them show: read {3 * top + 1} places "
+            "or more"
+        )
+    return said
+
+
+def repeated_rows(
+    sets: Sequence[ReadingSet], labels: Sequence[str], scales: Sequence[float]
+) -> list[str]:
+    """Return a sentence for each set with readings that are others digit for digit, beyond chance.
+
+    Two readings of one place with noise s agree in a display of step q by chance q/(2 s sqrt(pi)).
+    """
+    said: list[str] = []
+    first: dict[bytes, tuple[str, int]] = {}
+    for reading, label, s in zip(sets, labels, scales, strict=True):
+        values = np.asarray(reading.values)
+        step = reading.step
+        alike = min(
+            1.0, step / (2.0 * math.sqrt(math.pi) * max(float(s), step / math.sqrt(12.0), 1e-30))
+        )
+        n = values.shape[0]
+        places = [np.broadcast_to(reading.q[a], (n,)) for a in sorted(reading.q)]
+        rows = np.column_stack([*places, values])
+        mine: list[tuple[str, int] | None] = []
+        for i, row in enumerate(rows):
+            mine.append(first.setdefault(row.tobytes(), (label, i)))
+        run = best = last = 0
+        for i, where in enumerate(mine):
+            again = where is not None and where != (label, i)
+            follows = again and run and where == (mine[i - 1][0], mine[i - 1][1] + 1)  # type: ignore[index]
+            run = run + 1 if follows else int(again)
+            if run > best:
+                best, last = run, i
+        if best >= _PASTED and alike**best < _CHANCE:
+            owner, end = mine[last]  # type: ignore[misc]
+            said.append(
+                f"{label}: readings {last - best + 2} to {last + 1} are readings {end - best + 2} to "
+                f"{end + 1} of {owner} digit for digit; if they were pasted twice, u is too small: take them "
+                "out"
+            )
+    return said
+
+
+def unequal_noise(problem: Problem, system: System, fit: Fit) -> list[str]:
+    """Return a sentence for each set whose three readings have noises that differ by more than chance."""
+    from scipy.stats import f
+
+    degrees = degrees_of(system.design, system.streams, fit, problem.stated)
+    said = []
+    for k, label in enumerate(problem.labels):
+        mine = [i for i, (which, _) in enumerate(problem.groups) if which == k]
+        if len(mine) < 2:
+            continue
+        order = sorted(mine, key=lambda i: float(fit.scales[i]))
+        low, high = order[0], order[-1]
+        ratio = float(fit.scales[high] / fit.scales[low]) ** 2
+        if f.sf(ratio, max(degrees[high], 1.0), max(degrees[low], 1.0)) < _CHANCE:
+            sizes = [format_engineering(float(fit.scales[i]), "m", digits=2) for i in mine]
+            said.append(
+                f"{label}: its readings in x, y and z have a noise of {sizes[0]}, {sizes[1]} and {sizes[2]}, each "
+                "counts by its own"
+            )
+    return said
+
+
 def _jumps(
     steps: Any, rest: FloatArray, system: System, stream: Any, fit: Fit
 ) -> tuple[FloatArray, FloatArray]:
@@ -289,7 +377,7 @@ def _jumps(
     columns = steps.astype(np.float64)
     Z = system.design[stream.rows]
     both = np.column_stack([Z, columns, rest])
-    solved = inverse_times(both, stream.index, fit.a, fit.tau)[0] / fit.scales[stream.which] ** 2
+    solved = inverse_times(both, stream.index, fit.a, fit.tau)[0] / fit.scales[stream.group] ** 2
     m = Z.shape[1]
     N = Z.T @ solved[:, :m]
     across = Z.T @ solved[:, m:-1]
@@ -308,7 +396,7 @@ def _scores(turns: FloatArray, rest: FloatArray, stream: Any, fit: Fit) -> tuple
     m = turns.shape[1]
     waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
     both = np.concatenate([waves, rest[:, None]], axis=1)
-    solved = inverse_times(both, stream.index, fit.a, fit.tau)[0] / fit.scales[stream.which] ** 2
+    solved = inverse_times(both, stream.index, fit.a, fit.tau)[0] / fit.scales[stream.group] ** 2
     c, s = waves[:, :m], waves[:, m:]
     cc, ss = np.sum(c * solved[:, :m], axis=0), np.sum(s * solved[:, m : 2 * m], axis=0)
     cs = np.sum(c * solved[:, m : 2 * m], axis=0)

@@ -45,12 +45,13 @@ _STEPS, _SETTLED = 20, 1e-10
 _SEEN = 1e-6
 """Of the largest column of a place: what is below would be known to a million times the noise."""
 _HUBER, _GROSS, _REFUSED = 1.5, 6.0, 4.0
+_OWN_NOISE = 30
+"""Readings of each series of a set (the three of a nest) from which on each has a noise of its own: with 15
+that coefficients leave over it is known to 18 %. Below it the series of a set share one."""
 _SHORT = 60
 """Readings of a set from which on those that fit best know their own scatter."""
 _ONE_BALL = 5e-3
 """m: poses that a control steers to a ball are no further apart, whatever its kinematics."""
-_PASTED = 5
-"""Readings in a row that agree with others in every digit."""
 ROUNDS = 10
 LARGEST = {"m": 1e-2, "rad": 1e-2}
 """A reading or an error beyond it is of no machine: its unit, or the machine, is another one."""
@@ -252,6 +253,28 @@ class System:
         """Scaled columns of the directions that are determined, shape (n, r)."""
         return np.asarray((self.X / self.sizes) @ self.V)
 
+    @cached_property
+    def of_groups(self) -> list[NDArray[np.intp]]:
+        """Rows of each group of streams with one scale of noise."""
+        count = 1 + max(s.group for s in self.streams)
+        nothing = np.zeros(0, dtype=np.intp)
+        return [
+            np.concatenate([nothing, *(s.rows for s in self.streams if s.group == i)])
+            for i in range(count)
+        ]
+
+    def readings_at(
+        self, good: Sequence[NDArray[np.bool_]], rows: NDArray[np.intp], value: bool
+    ) -> list[Any]:
+        """Return which readings are used, with those of some rows set."""
+        found = [g.copy() for g in good]
+        begin = 0
+        for k, end in enumerate(self.ends):
+            mine = rows[(rows >= begin) & (rows < end)] - begin
+            found[k].reshape(-1)[self.rows[k][mine]] = value
+            begin = end
+        return found
+
 
 class Problem:
     """Columns of all sets: coefficients of the terms, then unknowns of the set-ups."""
@@ -264,6 +287,8 @@ class Problem:
         self.n_terms = len(self.names)
         self.unknown_at: list[dict[str, slice]] = []
         self._structural: FloatArray | None = None
+        self.groups = _groups(sets)
+        self.stated = [sets[k].u for k, _ in self.groups]
         labels = _labels(sets)
         self.labels = labels
         self.steps = np.array([s.step for s in sets])
@@ -328,7 +353,12 @@ class Problem:
                 index = np.flatnonzero(good[k][:, c])
                 chosen.append(index * m + c)
                 rows_of = np.arange(at, at + index.size)
-                streams.append(Stream(rows_of, index.astype(np.float64), k))
+                group = next(
+                    i
+                    for i, (which, series) in enumerate(self.groups)
+                    if which == k and c in series
+                )
+                streams.append(Stream(rows_of, index.astype(np.float64), k, group))
                 blocks.append(block[index, c])
                 rests.append(rest[index, c])
                 at += index.size
@@ -363,6 +393,15 @@ class Problem:
                 if where.stop - where.start == 3:
                     size = np.linalg.norm(X[:, where], axis=0)
                     X[:, where][:, size < _SEEN * size.max()] = 0.0
+
+    def noise_of(self, k: int, fit: Fit) -> float:
+        """Return the noise of one reading of a set, the RMS over its series."""
+        parts = [
+            (len(series), float(s) ** 2)
+            for (which, series), s in zip(self.groups, fit.scales, strict=True)
+            if which == k
+        ]
+        return math.sqrt(sum(n * v for n, v in parts) / sum(n for n, _ in parts))
 
     def alike(self, system: System) -> list[NDArray[np.intp]]:
         """Return by stream which readings are one number at one place, as whole numbers from 0."""
@@ -426,19 +465,19 @@ class Problem:
         beta = _huber(system)
         rest = np.abs(system.y - system.X @ beta)
         used = np.sum(np.linalg.qr(system.design)[0] ** 2, axis=1)
-        kept = [g.copy() for g in good]
-        begin = 0
-        for k, end in enumerate(system.ends):
-            part = rest[begin:end]
+        gross = []
+        for (k, _), rows in zip(self.groups, system.of_groups, strict=True):
+            if not rows.size:
+                continue
+            part = rest[rows]
             scale = 1.4826 * float(np.median(part))
-            floor = 1e-9 * float(np.abs(system.y[begin:end]).max(initial=0.0))
+            floor = 1e-9 * float(np.abs(system.y[rows]).max())
             bad = part > max(_GROSS * max(scale, floor), self.steps[k])
             # more than half of those that the unknowns leave over cannot be told from the others
-            most = int(max(part.size - float(used[begin:end].sum()), 0.0) / 2.0)
+            most = int(max(part.size - float(used[rows].sum()), 0.0) / 2.0)
             bad[np.argsort(part, kind="stable")[: part.size - most]] = False
-            kept[k].reshape(-1)[system.rows[k][bad]] = False
-            begin = end
-        return kept
+            gross.append(rows[bad])
+        return system.readings_at(good, np.concatenate(gross), False)
 
     def _with_likely(self, current: list[Instrument], good: list[Any]) -> list[Any]:
         """Return the readings with those of short sets that the rest cannot call wrong, nearest first.
@@ -453,35 +492,36 @@ class Problem:
         open_to = [o if o.shape[0] < _SHORT else np.zeros_like(o) for o in open_to]
         for _ in range(sum(int(o.sum()) for o in open_to)):
             system = self.assembled(current, good)
-            stated = [s.u for s in self.sets]
-            fit = Gls(system.design, system.y, system.streams, stated).plain()
-            degrees = degrees_of(system.design, system.streams, fit, stated)
+            fit = Gls(system.design, system.y, system.streams, self.stated).plain()
+            degrees = degrees_of(system.design, system.streams, fit, self.stated)
             wider = self.assembled(current, [g | o for g, o in zip(good, open_to, strict=True)])
             Z = (wider.X / system.sizes) @ system.V
             off = np.abs(wider.y - Z @ fit.beta)
             shift = np.sum((Z @ fit.cov) * Z, axis=1)
-            begin, found = 0, False
-            for k, end in enumerate(wider.ends):
-                mine, rows = slice(begin, end), wider.rows[k]
-                begin = end
-                refused = open_to[k].reshape(-1)[rows]
-                if not refused.any():
+            is_open = np.concatenate(
+                [o.reshape(-1)[r] for o, r in zip(open_to, wider.rows, strict=True)]
+            )
+            back = []
+            for i, of_group in enumerate(wider.of_groups):
+                rows = of_group[is_open[of_group]]
+                if not rows.size:
                     continue
-                t = off[mine] / np.sqrt(fit.scales[k] ** 2 + shift[mine])
-                nearest = int(np.argmin(np.where(refused, t, math.inf)))
-                if t[nearest] <= limit_of(degrees[k]) or off[mine][nearest] <= self.steps[k]:
-                    good[k].reshape(-1)[rows[nearest]] = True
-                    open_to[k].reshape(-1)[rows[nearest]] = False
-                    found = True
-            if not found:
+                t = off[rows] / np.sqrt(fit.scales[i] ** 2 + shift[rows])
+                nearest = int(np.argmin(t))
+                step = self.steps[self.groups[i][0]]
+                if t[nearest] <= limit_of(degrees[i]) or off[rows[nearest]] <= step:
+                    back.append(rows[nearest])
+            if not back:
                 break
+            good = wider.readings_at(good, np.array(back), True)
+            open_to = wider.readings_at(open_to, np.array(back), False)
         return good
 
     def settled(
         self, current: list[Instrument], good: list[Any], robust: bool
     ) -> tuple[Fit, System, list[Any]]:
         """Return the fit with its noise when no further reading is refused, and what is left."""
-        stated = [s.u for s in self.sets]
+        stated = self.stated
         if robust:
             good = self._with_likely(current, good)
         for _ in range(ROUNDS):
@@ -493,24 +533,20 @@ class Problem:
             rest = system.y - Z @ fit.beta
             # robust: one bad reading must not hide another, nor hide behind a scale of its making
             scale = max(1.4826 * float(np.median(np.abs(t))), 1.0)
-            bad, begin = np.zeros(t.size, dtype=bool), 0
-            for k, end in enumerate(system.ends):
-                mine = slice(begin, end)
-                begin = end
+            bad = np.zeros(t.size, dtype=bool)
+            for i, mine in enumerate(system.of_groups):
+                if not mine.size:
+                    continue
                 of_all = np.abs(t[mine])
-                if stated[k] is None:
-                    of_all = of_all * _scale_without(Z[mine], rest[mine], k, fit, degrees[k])
+                if stated[i] is None:
+                    of_all = of_all * _scale_without(Z[mine], rest[mine], i, fit, degrees[i])
                 # off by a digit of the display is no contradiction
-                bad[mine] = (of_all > scale * limit_of(degrees[k] - 1.0)) & (
-                    np.abs(rest[mine]) > self.steps[k]
+                bad[mine] = (of_all > scale * limit_of(degrees[i] - 1.0)) & (
+                    np.abs(rest[mine]) > self.steps[self.groups[i][0]]
                 )
             if not robust or not bad.any():
                 break
-            begin = 0
-            good = [g.copy() for g in good]
-            for k, end in enumerate(system.ends):
-                good[k].reshape(-1)[system.rows[k][bad[begin:end]]] = False
-                begin = end
+            good = system.readings_at(good, np.flatnonzero(bad), False)
         else:  # readings were refused in the last round too: fit what is left
             system = self.assembled(current, good)
             fit = Gls(system.design, system.y, system.streams, stated).best()
@@ -543,7 +579,7 @@ class Problem:
         for stream in system.streams:
             rows = stream.rows
             part, _ = inverse_times(whole[rows], stream.index, fit.a, fit.tau)
-            solved[rows] = part / fit.scales[stream.which] ** 2
+            solved[rows] = part / fit.scales[stream.group] ** 2
         k = wider.n_terms
         across = Z.T @ solved[:, :k]
         plain = X.T @ solved[:, :k]
@@ -616,44 +652,6 @@ def places_seen(sets: Sequence[ReadingSet]) -> int:
         places = np.round(np.column_stack(listed or [np.zeros(n)]), 9)
         total += k * int(np.unique(places, axis=0).shape[0])
     return total
-
-
-def repeated_rows(
-    sets: Sequence[ReadingSet], labels: Sequence[str], scales: FloatArray
-) -> list[str]:
-    """Return a sentence for each set with readings that are others digit for digit, beyond chance.
-
-    Two readings of one place with noise s agree in a display of step q by chance q/(2 s sqrt(pi)).
-    """
-    said: list[str] = []
-    first: dict[bytes, tuple[str, int]] = {}
-    for reading, label, s in zip(sets, labels, scales, strict=True):
-        values = np.asarray(reading.values)
-        step = reading.step
-        alike = min(
-            1.0, step / (2.0 * math.sqrt(math.pi) * max(float(s), step / math.sqrt(12.0), 1e-30))
-        )
-        n = values.shape[0]
-        places = [np.broadcast_to(reading.q[a], (n,)) for a in sorted(reading.q)]
-        rows = np.column_stack([*places, values])
-        mine: list[tuple[str, int] | None] = []
-        for i, row in enumerate(rows):
-            mine.append(first.setdefault(row.tobytes(), (label, i)))
-        run = best = last = 0
-        for i, where in enumerate(mine):
-            again = where is not None and where != (label, i)
-            follows = again and run and where == (mine[i - 1][0], mine[i - 1][1] + 1)  # type: ignore[index]
-            run = run + 1 if follows else int(again)
-            if run > best:
-                best, last = run, i
-        if best >= _PASTED and alike**best < _CHANCE:
-            owner, end = mine[last]  # type: ignore[misc]
-            said.append(
-                f"{label}: readings {last - best + 2} to {last + 1} are readings {end - best + 2} to "
-                f"{end + 1} of {owner} digit for digit; if they were pasted twice, u is too small: take them "
-                "out"
-            )
-    return said
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -773,6 +771,18 @@ def with_order(
     return _of_degree(problem, term, raised[axis], homes) or basis
 
 
+def _groups(sets: Sequence[ReadingSet]) -> list[tuple[int, tuple[int, ...]]]:
+    """Return the series that share a scale of noise: their set, and their columns of its readings."""
+    found: list[tuple[int, tuple[int, ...]]] = []
+    for k, reading in enumerate(sets):
+        counts = np.isfinite(np.asarray(reading.values)).sum(axis=0)
+        if reading.u is None and counts.min() >= _OWN_NOISE:
+            found += [(k, (c,)) for c in range(counts.size)]
+        else:
+            found.append((k, tuple(range(counts.size))))
+    return found
+
+
 def _labels(sets: Sequence[ReadingSet]) -> list[str]:
     """Return a name for each set; those that share one are numbered."""
     names = [s.label for s in sets]
@@ -793,7 +803,7 @@ def _least(system: System) -> FloatArray:
 
 
 def _huber(system: System) -> FloatArray:
-    """Return the solution with Huber weights, each set with its own robust scale."""
+    """Return the solution with Huber weights, each group with its own robust scale."""
     Q, R = np.linalg.qr(system.design, mode="reduced")
     free = np.sqrt(np.maximum(1.0 - np.sum(Q**2, axis=1), 1e-6))
     weights = np.ones(system.y.size)
@@ -801,12 +811,13 @@ def _huber(system: System) -> FloatArray:
     for _ in range(20):
         weighted = Q * weights[:, None]
         found = np.linalg.solve(weighted.T @ Q, weighted.T @ system.y)
-        rest, begin, new = system.y - Q @ found, 0, np.ones(system.y.size)
-        for end in system.ends:
-            part = np.abs(rest[begin:end]) / free[begin:end]
+        rest, new = system.y - Q @ found, np.ones(system.y.size)
+        for rows in system.of_groups:
+            if not rows.size:
+                continue
+            part = np.abs(rest[rows]) / free[rows]
             scale = max(1.4826 * float(np.median(part)), 1e-30)
-            new[begin:end] = np.minimum(1.0, _HUBER * scale / np.maximum(part, 1e-30))
-            begin = end
+            new[rows] = np.minimum(1.0, _HUBER * scale / np.maximum(part, 1e-30))
         settled = np.abs(new - weights).max() < 1e-3
         weights = new
         if settled:
@@ -823,10 +834,10 @@ def limit_of(degrees: float) -> float:
 
 
 def _scale_without(
-    Z: FloatArray, rest: FloatArray, k: int, fit: Fit, degrees: float
+    Z: FloatArray, rest: FloatArray, i: int, fit: Fit, degrees: float
 ) -> FloatArray:
-    """Return the scale of a set over that which it would have without each of its readings."""
-    w = 1.0 / (fit.scales[k] ** 2 * (1.0 + fit.a**2))
+    """Return the scale of a group over that which it would have without each of its readings."""
+    w = 1.0 / (fit.scales[i] ** 2 * (1.0 + fit.a**2))
     moves = Z @ fit.cov * w
     own = np.sum(moves * Z, axis=1)
     e = rest / np.maximum(1.0 - own, 1e-12)
@@ -848,7 +859,7 @@ def _deleted(Z: FloatArray, system: System, fit: Fit) -> FloatArray:
     for stream in system.streams:
         if not stream.rows.size:
             continue
-        s = fit.scales[stream.which]
+        s = fit.scales[stream.group]
         both = np.column_stack([rest[stream.rows], Z[stream.rows]])
         solved, _ = inverse_times(both, stream.index, fit.a, fit.tau)
         solved /= s**2

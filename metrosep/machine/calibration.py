@@ -28,10 +28,13 @@ from metrosep.machine._drift_noise import Fit, few_readings_covariance, rounding
 from metrosep.machine._lack_of_fit import lack_of_fit, left_out
 from metrosep.machine._model_choice import (
     factors_of_sets,
+    harmonics_alike,
     lines_left,
     raised_degrees,
+    repeated_rows,
     sets_that_add_nothing,
     shapes_left,
+    unequal_noise,
 )
 from metrosep.machine._reading_problem import (
     LARGEST,
@@ -46,7 +49,6 @@ from metrosep.machine._reading_problem import (
     is_place,
     is_stated,
     lowest_of,
-    repeated_rows,
     with_order,
 )
 from metrosep.machine.chains import Chain, Positions
@@ -100,7 +102,7 @@ class Calibration:
     refused : mapping of str to int
         Number of readings that contradict the others, by set.
     noise : mapping of str to float
-        By set the standard deviation of white noise, m or rad.
+        By set the standard deviation of white noise, m or rad; of three readings the RMS.
     bases : mapping of str to Basis
         Shapes of each term.
     blind : ndarray, shape (p, k)
@@ -377,7 +379,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     of_digits = rounding_covariance(
         system.design, system.streams, fit, problem.steps, problem.alike(system)
     )
-    of_few = few_readings_covariance(system.design, system.streams, fit, [s.u for s in sets])
+    of_few = few_readings_covariance(system.design, system.streams, fit, problem.stated)
     left = left_out(problem, current, found.good, system, fit)
     spread, k = left.moment.copy(), beta.size
     to_all = system.V / system.sizes[:, None]
@@ -391,7 +393,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         values.reshape(-1)[system.rows[k]] = rest[begin:end]
         residuals[label] = values[:, 0] if reading.instrument.n_readings == 1 else values
         refused[label] = int(np.isfinite(np.asarray(reading.values)).sum()) - (end - begin)
-        noise[label] = float(fit.scales[k])
+        noise[label] = problem.noise_of(k, fit)
         if reading.u is not None:
             part = float(np.sum((rest[begin:end] / reading.u) ** 2))
             chi2, n_stated = chi2 + part / (1.0 + fit.a**2), n_stated + end - begin
@@ -410,13 +412,15 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         f"higher degree ({axis}={order}); u of the curves contains what is missing"
         for axis, order in found.lacking.items()
     ]
+    messages += harmonics_alike(problem)
     messages += sets_that_add_nothing(problem, system)
     messages += lines_left(problem, system, fit)
     lacks, judged = lack_of_fit(problem, current, found.good)
     messages += lacks
     messages += shapes_left(problem, system, fit, judged)
     messages += factors_of_sets(problem, system, fit)
-    messages += repeated_rows(sets, problem.labels, fit.scales)
+    messages += repeated_rows(sets, problem.labels, [*noise.values()])
+    messages += unequal_noise(problem, system, fit)
     messages += _louder(sets, problem.labels, noise)
     messages += _coarse(problem, noise)
     share = fit.beta.size * n_stated / max(system.y.size, 1)
@@ -462,8 +466,10 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
             f"drift is {fit.a:.2g} times the white noise, over {fit.tau:.2g} readings; u contains it"
         )
     elif not fit.judged:
+        several = any(s.instrument.n_readings > 1 and s.u is None for s in sets)
         messages.append(
             "fewer than 30 readings in each series: drift cannot be judged, u is white"
+            + (", and the three readings of a set share one noise" if several else "")
         )
     messages += [
         f"{label}: {n} readings contradict the others and were refused"

@@ -228,6 +228,31 @@ def test_a_volume_keeps_its_tolerance_at_places_that_are_no_nodes(metrosep, stac
     assert found["nodes"]["X"] > 5
 
 
+def test_errors_that_shift_the_tool_alike_everywhere_are_no_errors_that_do_not_move_it(
+    metrosep, stack
+):
+    """Over X, Y, Z the lines of A and C are one shift; an error ECZ without an arm moves nothing."""
+    spans = [
+        w for s in ("X=-90 mm..90 mm", "Y=-90 mm..90 mm", "Z=0 mm..90 mm") for w in ("--span", s)
+    ]
+    (stack / "lines.toml").write_text('Y0A = "9.3 um"\nX0C = "5.8 um"\n')
+    (stack / "turn.toml").write_text('ECZ = "5 urad"\n')
+    still = ("--at", "A=0 deg", "--at", "C=0 deg", "--pivot-height", "80 mm")
+    call = ("--tolerance", "0.2 um", *spans, "-o", "out")
+    code, _, err = metrosep("volume", "five_axis", "lines.toml", *call, *still)
+    assert code == 2
+    # the table carries the work: a line that stands at +5.8 um takes the work there, the tool misses it by -5.8 um
+    assert "the same everywhere (in the workpiece X -5.8 um, Y -9.3 um)" in err
+    code, _, err = metrosep("volume", "mill_xyz", "turn.toml", *call)
+    assert code == 2
+    assert "do not move the tool point" in err
+    assert "--tool" in err
+    code, _, err = metrosep("volume", "mill_xyz", "turn.toml", *call, "--tool", "0 mm,50 mm,0 mm")
+    # 5 urad about Z on an arm of 50 mm in Y: -0.25 um in X
+    assert "in the workpiece X -250 nm)" in err
+    assert not (stack / "out").exists()
+
+
 def test_a_volume_without_a_folder_writes_nothing_and_says_what_stays(metrosep, stack):
     before = sorted(stack.iterdir())
     code, printed, err = metrosep("volume", *CALL[1:], "--tolerance", "1 um")
@@ -854,6 +879,10 @@ def test_what_a_turning_axis_needs_in_the_kinematics_is_said(
     assert said.startswith(f"note: {same}: ")
     assert shown not in said
     assert "axis C in its kinematics" in said
+    moving = [v for v in err.splitlines() if "whose zero stands still in the machine" in v]
+    assert [v.partition(":")[2].split(":")[0] for v in moving] == (
+        [" Y0C = -4 um"] if other == "" else []
+    )
 
 
 def test_a_preset_lacks_its_size_in_the_same_breath_as_other_options(

@@ -344,4 +344,4 @@ def test_a_step_round_the_axis_is_named_with_its_radius(height):
     assert len(said) == (height > 0.0), said
     for message in said:
         assert re.search(r"(jumps|bump)", message)
-        assert 6.0 < float(re.search(r"radius = ([\d.]+) mm", message)[1]) < 14.0, message
+        assert 6.0 < float(re.search(r"rho = ([\d.]+) mm", message)[1]) < 14.0, message
