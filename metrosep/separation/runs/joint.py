@@ -320,7 +320,7 @@ def _check_feeds(runs: RunSet, *, min_feeds: int, fit_lag: bool) -> None:
     if len(feeds) < min_feeds:
         raise (
             NotSeparableError(
-                f"the {way} runs have {len(feeds)} feedrate(s) ({have}), the separation needs {min_feeds}: a "
+                f"the {way} runs have {len(feeds)} feedrate{'' if len(feeds) == 1 else 's'} ({have}), the separation needs {min_feeds}: a "
                 "vibration and a geometric error of the same wavelength look alike at one feedrate; "
                 "add runs at another feedrate, or accept averaging with method='mean' or min_feeds=1"
             )
