@@ -289,8 +289,7 @@ def test_halves_of_every_real_map_agree_within_their_u(corpus, form):
             continue
         seen += 1
         half_y, half_x = (
-            0.5 * step * (n - 1)
-            for step, n in zip((whole.dy, whole.dx), whole.shape, strict=True)
+            0.5 * step * (n - 1) for step, n in zip((whole.dy, whole.dx), whole.shape, strict=True)
         )
         ideal = form_from_text(form.format(radius=1.01e6 * np.hypot(half_x, half_y)))
         for axis in (0, 1):
