@@ -368,6 +368,11 @@ def read(
     left = np.asarray(given.values) * 1e6 - rows
     unit = "urad" if given.instrument.is_angle else "um"
     has_readings = bool(np.any(np.nan_to_num(np.asarray(given.values))))
+    if has_readings and given.unknown:
+        say(
+            f"note: what is left still holds what {file} calls unknown ({', '.join(given.unknown)}); 'metrosep calibrate' "
+            "finds that with the terms, and its report shows the residuals without it"
+        )
     if as_json:
         document = {f"reading_{unit}": rows.tolist()}
         if has_readings:
