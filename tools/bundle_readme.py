@@ -13,12 +13,13 @@ def main(folder: str, extras: str) -> None:
     place = Path(folder)
     wheels = sorted((place / "wheels").glob("*.whl"))
     rows = [f"{hashlib.sha256(w.read_bytes()).hexdigest()}  wheels/{w.name}" for w in wheels]
+    python = "python" if sys.platform == "win32" else "python3"
     text = f"""metrosep without a network
 
 For Python {".".join(platform.python_version_tuple()[:2])} on {platform.system()} {platform.machine()}.
 Copy this folder to the computer, open a terminal in it and type:
 
-    python -m venv metrosep-env
+    {python} -m venv metrosep-env
     metrosep-env/bin/python -m pip install --no-index --find-links wheels "metrosep[{extras}]"
     metrosep-env/bin/metrosep doctor
 

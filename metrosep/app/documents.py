@@ -27,6 +27,7 @@ from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, MetrosepError, ReadError, WriteError
 from metrosep.core.inside import reading_inside
 from metrosep.core.readable import said_value
+from metrosep.core.units import Pixels
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.written.extends import Admits
 
@@ -679,4 +680,6 @@ def text_key(value: Any) -> str:
 def _remembered_plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(k): _remembered_plain(v) for k, v in value.items()}
-    return [_remembered_plain(v) for v in value] if isinstance(value, list | tuple) else value
+    if isinstance(value, list | tuple):
+        return [_remembered_plain(v) for v in value]
+    return str(value) if isinstance(value, Pixels) else value

@@ -17,6 +17,7 @@ from metrosep.app.pyramid import MapPyramid, build_pyramid
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.profile import Profile
 from metrosep.core.readable import said_value
+from metrosep.core.regions import counts_pixels
 from metrosep.core.surface import Surface
 from metrosep.recipe.pipeline import CancelledError, Stage, run_steps
 
@@ -118,6 +119,8 @@ class Evaluations:
         tell: Callable[[str], None] | None = None,
     ) -> Outcome:
         """Return what the steps make of the data of a size."""
+        if counts_pixels(steps):  # of the map as it was read
+            level = "full"
         source, is_preview = self.source(level)
         shift = self._shift(source)  # of the map itself: none
         name = level if is_preview else "full"

@@ -15,7 +15,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.readable import said_value
-from metrosep.core.sections import extremes_in
+from metrosep.core.sections import extremes_in, grid_of
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 
@@ -190,27 +190,24 @@ def _largest(values: FloatArray, b: int) -> FloatArray:
 def extremes_near(
     surface: Surface, at: Any, radius: Any
 ) -> tuple[list[float] | None, list[float] | None]:
-    """Return the highest and the lowest pixel whose centre lies in a circle, [x, y] in m; None in a gap."""
+    """Return the highest and lowest pixel whose centre lies in a circle, [x, y] in m or px; None in a gap."""
     (cx, cy), r = (float(v) for v in at), float(radius)
-    if surface.dx is None or surface.dy is None or not r > 0.0:
-        raise DataError("peaks near a point need a map with lateral steps and a radius above zero")
+    if not r > 0.0:
+        raise DataError("peaks near a point need a radius above zero")
     found = extremes_in(surface, (cx, cy), r)
     return (None, None) if found is None else ([*found.peak[:2]], [*found.valley[:2]])
 
 
 def aperture_of(surface: Surface) -> tuple[tuple[float, float], float]:
-    """Return middle and radius of the largest circle inside the outer rows and columns that were measured, m."""
+    """Return middle and radius of the largest circle inside the outer rows and columns that were measured, m or px."""
     from metrosep.core.regions import measured_middle
 
-    if surface.dx is None or surface.dy is None:
-        raise DataError("the map has no lateral calibration, so its aperture has no size")
     valid = ~np.isnan(surface.z)
     if not valid.any():
         raise TooFewSamplesError("nothing was measured: there is no aperture")
     spans = [np.flatnonzero(valid.any(axis=a)) for a in (0, 1)]
-    half = min(
-        s * float(np.ptp(v)) / 2.0 for v, s in zip(spans, (surface.dx, surface.dy), strict=True)
-    )
-    x = surface.origin[0] + surface.dx * np.arange(surface.shape[1])
-    y = surface.origin[1] + surface.dy * np.arange(surface.shape[0])
+    (x0, y0), (dx, dy) = grid_of(surface)
+    half = min(s * float(np.ptp(v)) / 2.0 for v, s in zip(spans, (dx, dy), strict=True))
+    x = x0 + dx * np.arange(surface.shape[1])
+    y = y0 + dy * np.arange(surface.shape[0])
     return measured_middle(surface.z, x, y), half

@@ -133,7 +133,7 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
                 "index": s.index,
                 "seconds": s.seconds,
                 "messages": _words(session, s),
-                "centre": s.audit.get("centre_m"),
+                "centre": s.audit.get("centre_m", s.audit.get("centre_px")),
             }
             for s in outcome.stages
         ],

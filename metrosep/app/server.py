@@ -7,6 +7,7 @@ import contextlib
 import hmac
 import json
 import logging
+import math
 import secrets
 import threading
 import traceback
@@ -63,7 +64,8 @@ from metrosep.core.exit_codes import exit_code_of
 from metrosep.core.inside import carried
 from metrosep.core.profile import Profile
 from metrosep.core.readable import said_value
-from metrosep.core.sections import section_profile
+from metrosep.core.regions import counts_pixels
+from metrosep.core.sections import is_calibrated, section_profile
 from metrosep.core.surface import Surface
 from metrosep.recipe.pipeline import CancelledError
 
@@ -594,9 +596,10 @@ class PictureAnswers:
         extent = self._pyramid(obj).window
         header, arrays = map_frame(view, extent, is_preview=outcome.is_preview)
         full = self.session.evaluations
-        pixel = None if full is None else [getattr(full.obj, k, None) for k in ("dx", "dy")]
-        known = pixel is not None and None not in pixel
-        header |= {"pixel": pixel if known else None, "failed": outcome.failed}
+        source = None if full is None else full.obj
+        header |= {"pixel": None, "first": None, "failed": outcome.failed}
+        if isinstance(source, Surface) and is_calibrated(source):
+            header |= {"pixel": [source.dx, source.dy], "first": source.origin}
         return header, arrays
 
     def relief(self, message: Message, cancel: Cancel) -> Answer:
@@ -627,8 +630,10 @@ class PictureAnswers:
         """Answer a request ``sections``: heights along what the recipe draws on the map."""
         from metrosep.recipe.map_sections import heights_along
 
-        outcome, obj = self._surface(message, cancel, "sections")
         _, document = self.session.need()
+        if counts_pixels(document.recipe.sections):  # of the map as it was read
+            message = {**message, "level": "full"}
+        outcome, obj = self._surface(message, cancel, "sections")
         curves: list[dict[str, Any]] = []
         arrays: Arrays = {}
         columns = message.get("columns") or 1000
@@ -639,9 +644,11 @@ class PictureAnswers:
                 continue  # the numbers of this section say why
             if line is None:
                 continue
+            turn = math.tau * (len(line) - 1) / len(line)  # of a circle, to its last sample
             curves.append(
                 {"index": i, "name": section["name"], "kind": section["kind"],
-                 "length": float(line.x[-1]), "radius": section.get("radius"), "share_valid": 1.0 - line.n_invalid / len(line)}
+                 "length": float(line.x[-1]), "unit": lateral_unit(obj), "share_valid": 1.0 - line.n_invalid / len(line),
+                 "radius": float(line.x[-1]) / turn}
             )  # fmt: skip
             arrays |= profile_arrays(profile_view(Extremes(line), columns=columns), f"{i}_")
         return {"curves": curves, "is_preview": outcome.is_preview}, arrays

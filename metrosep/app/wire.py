@@ -155,12 +155,15 @@ _LINE = re.compile(
 )
 _HEAD = rf"\A(?:[A-Za-z]:)?[^\n:;]*\.[A-Za-z]\w{{0,7}}(?=: )|{_MARKS}"
 """The name of a file before what is said of it."""
+_QUOTED = r"(?<![\w=])(?<!= )(?:'[^'\n]*=[^'\n]*'|\"[^\"\n]*=[^\"\n]*\")(?!\w)"
+"""What a message quotes, such as the name of a column; the value of a key follows its equals sign."""
 
 
 def page_words(message: str, names: Iterable[object] = ()) -> str:
     """Return a message without the grammar of recipes and Python: the page has fields, not keys.
 
-    Names of files stay as they are: those given, and the one that the message begins with.
+    Names of files stay as they are: those given, and the one that the message begins with; so does what is
+    quoted.
 
     Examples
     --------
@@ -189,7 +192,7 @@ def page_words(message: str, names: Iterable[object] = ()) -> str:
 
     known = {_TURNS.sub("\ufffd", t) for n in names for t in (str(n), PurePath(str(n)).name)}
     longest = sorted(filter(None, known), key=len, reverse=True)
-    files = "|".join([*(rf"(?<!\w){re.escape(n)}(?!\w)" for n in longest), _HEAD])
+    files = "|".join([*(rf"(?<!\w){re.escape(n)}(?!\w)" for n in longest), _HEAD, _QUOTED])
     text = re.sub(files, keep, _TURNS.sub("\ufffd", message))
     text = _SWITCH.sub(switched, _LINE.sub("", _MACHINE.sub("", text)))
     text = _NAMED.sub(lambda m: field_words(m[1]), _PAIR.sub(pair, text))

@@ -218,7 +218,9 @@ def _is_output(root: Path) -> bool:
             return is_output_folder(root)
         what = "is a file, not a folder" if root.exists() else "does not exist"
     except OSError as exc:
-        raise ReadError(f"{root}: the folder cannot be read ({exc.strerror or exc})") from None
+        raise ReadError(
+            f"{root}: the folder cannot be read ({exc.strerror or exc}); check its name and its rights"
+        ) from None
     raise ReadError(f"{root}: {what}; a batch needs the folder of its inputs")
 
 
@@ -245,7 +247,9 @@ def _walk(
 
     def refuse(exc: OSError) -> None:
         if exc.filename is None or Path(exc.filename) == root:
-            raise ReadError(f"{root}: the folder cannot be read ({exc.strerror or exc})")
+            raise ReadError(
+                f"{root}: the folder cannot be read ({exc.strerror or exc}); check its name and its rights"
+            )
         closed.append(_relative(Path(exc.filename), root))
 
     for place, folders, files in os.walk(root, onerror=refuse):

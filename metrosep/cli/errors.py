@@ -49,6 +49,12 @@ _CALL = re.compile(
 """A way out that is a call of Python, before the command that does the same."""
 
 
+_SKIPPED = re.compile(
+    r"leave that line out with (?:--)?skip[-_]lines ?=? ?\W?[\d,-]+\W?(?! in \[input\])"
+)
+"""A way out that a command lacks whose files are read without options."""
+
+
 def _place(name: str, number: str) -> str:
     """Return a place in m as a reader wants it; the text itself where it is not a number."""
     digits = number.rstrip(".")
@@ -91,6 +97,8 @@ def as_options(
         if re.search(
             r"\w\([^()]*$|--machine \"?$", before
         ):  # a call of Python, or written already
+            return found.group()
+        if re.search(r"(?:^|[^\w=])(?<!= )['\"]$", before):  # the name of a column
             return found.group()
         if found.group(1) in _PLACES and before.endswith("at ") and found.group(4):
             return _place(found.group(1), found.group(4))
@@ -175,5 +183,7 @@ def report_error(
     else:
         hints = getattr(error, "hints", ())
         line = as_options(str(error), names, facts, hints) if words is None else words(str(error))
+        if names and not {"skip_lines", "settings"}.intersection(names):
+            line = _SKIPPED.sub("take that line out", line)
     print("error: " + " ".join(line.split()), file=sys.stderr)
     return code

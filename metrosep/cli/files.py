@@ -269,8 +269,8 @@ def _checked(name: str, overrides: Sequence[str]) -> tuple[Recipe | None, list[s
     target = Path(name)
     try:
         text = read_plain_text(target, RECIPE_BYTES)
-    except (OSError, UnicodeDecodeError) as exc:
-        reason = getattr(exc, "strerror", None) or exc
+    except OSError as exc:
+        reason = exc.strerror or exc
         return None, [f"{name}: the recipe cannot be read ({reason})"]
     folder = target.resolve().parent
     errors = []
@@ -492,7 +492,7 @@ def controllers(name: str | None, as_json: bool) -> int:
     else:
         for d in found:
             click.echo("\n".join(_summary(d)))
-        click.echo("\nmetrosep controllers NAME tells options, activation and an example.")
+        click.echo("\nmetrosep controllers NAME lists options, activation and an example.")
     return 0
 
 

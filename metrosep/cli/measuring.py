@@ -24,6 +24,7 @@ from metrosep.cli.options import (
 )
 from metrosep.cli.shortcut import input_lines, option_error, quoted
 from metrosep.core.limits import RULES
+from metrosep.core.surface import lateral_steps
 
 if TYPE_CHECKING:
     from metrosep.core.errors import RecipeError
@@ -444,7 +445,10 @@ def _print_measured(name: str, found: Mapping[str, Any]) -> None:
     click.echo(name)
     stages = found["measured"].stages
     for line in (
-        line for s in stages if s.op == "form" for line in s.detail.report().splitlines()
+        line
+        for s in stages
+        if s.op == "form" and s.detail is not None
+        for line in s.detail.report().splitlines()
     ):
         click.echo(f"  form  {line}")
     for table in stages[-1].detail:
@@ -584,6 +588,8 @@ def form(
     except StepError as error:
         text = str(error).removeprefix(f"{error.key}: ")
         raise click.UsageError(f"--{error.key}: {text}") from None
+    if result is None:  # a plane over pixels has no parameters to print
+        lateral_steps(obj)
     if residual is not None:
         write(result.residual, residual)
         say(f"residual -> {residual}")

@@ -231,7 +231,11 @@ def optional_read_options(command: F) -> F:
             click.option(
                 "--feed", metavar="COLUMN|VALUE", help='Feedrate: feed_mm_min or "7200 mm/min".'
             ),
-            click.option("--run", metavar="COLUMN", help="Column that distinguishes the runs."),
+            click.option(
+                "--run",
+                metavar="COLUMN",
+                help="Column that distinguishes the runs; columns, if each is a column; blocks, if one stands below the other.",
+            ),
             click.option(
                 "--direction",
                 metavar="COLUMN|WORD",
@@ -388,16 +392,20 @@ def columns_of(file: str) -> str:
 
 def lacking_facts(controller: str, given: Iterable[str]) -> dict[str, str]:
     """Return what a controller needs and no ``--machine`` gives, by option, with what it is."""
-    from metrosep.controllers.options import missing_facts
+    from metrosep.controllers.options import missing_facts, split_machine
     from metrosep.controllers.registry import find
 
     note_facts(controller)
+    dialect = find(controller)
     known = {
         k.rpartition(".")[2].replace("-", "_"): v
         for k, v in name_values(tuple(given), "--machine")
     }
-    lacking = missing_facts(known, find(controller).options)
-    return {f"machine {o.name}=...": f"{o.name}: {o.help}" for o in lacking}
+    missing = missing_facts(known, dialect.options)
+    if missing:
+        split_machine(known, dialect.options, controller)  # a name may be misspelt
+    such = {k: f', as in --machine "{k}={v}"' for k, v in dialect.info.example.items()}
+    return {f"machine {o.name}=...": f"{o.name}: {o.help}{such.get(o.name, '')}" for o in missing}
 
 
 def note_facts(controller: str) -> None:
@@ -444,10 +452,13 @@ def preset_words(options: Mapping[str, Any]) -> list[str]:
 
 
 def option_words(message: str, keys: Iterable[str]) -> str:
-    """Return a message with keys of a step as options of the command that has these."""
-    found = "|".join(map(re.escape, keys))
+    """Return a message with keys of a step as options of the command that has these.
+
+    A key that is a word of English too ("tool") is one only where it begins the message or has a value.
+    """
+    found = "|".join(rf"{k}\b" if "_" in k else rf"(?:(?<=^){k}\b|{k}(?= = ))" for k in keys)
     return re.sub(
-        rf"(?<![-\w])({found})\b(?: = )?",
+        rf"(?<![-\w])({found})(?: = )?",
         lambda m: "--" + m[1].replace("_", "-") + (" " if m[0].endswith(" = ") else ""),
         message,
     )

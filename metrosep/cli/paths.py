@@ -68,6 +68,17 @@ __all__ = ["path"]
     "to smaller ones.",
 )
 @click.option("--c-zero", metavar="ANGLE", help='Polar angle of the map at C = 0: "90 deg".')
+@click.option(
+    "--nose",
+    metavar="LENGTH",
+    help="Nose radius of the tool, where IN is the path of its tip or centre: the error is taken where it "
+    'touches --form. "0 mm": IN holds points of the surface.',
+)
+@click.option(
+    "--form",
+    metavar="FORM",
+    help='With --nose: nominal form about the spindle axis, "sphere: R=50 mm" (a bowl; a dome: R=-50 mm).',
+)
 @click.option("--tolerance", metavar="LENGTH", help='Split blocks: "2 nm" from the chord at most.')
 @click.option("--resolution", metavar="LENGTH", help='Finest step that is written: "0.1 nm".')
 @click.option(
@@ -207,7 +218,7 @@ def path(
 _OF_MACHINES = ("pivot_height", "tool", "zeros", "max_step", "rotary_feed")
 _OF_PARTS = (
     "centre", "c_sense", "c_zero", "decimals", "c_rollover", "g_system", "outside",
-    "blocks_per_s", "columns",
+    "blocks_per_s", "columns", "nose", "form",
 )  # fmt: skip
 _OF_PROGRAMS = ("tolerance", "path_unit", "harmless_m", "diameter", "rotary_feed")
 
@@ -233,7 +244,9 @@ def _poses(
 
     for name in _OF_PARTS:
         if options[name] not in (None, ()):
-            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --machine")
+            raise click.UsageError(
+                f"--{name.replace('_', '-')} does not go with --machine; leave it out"
+            )
     blocks = is_program(source)
     for name in ("units",) if blocks else _OF_PROGRAMS:
         if {**options, **own}[name] not in (None, ()):
@@ -331,6 +344,7 @@ def _correction(file: str, reading: dict[str, Any], options: dict[str, Any]) -> 
     from metrosep.core.profile import Profile
     from metrosep.core.surface import Surface
     from metrosep.core.units import parse_quantity
+    from metrosep.recipe.methods.ops_machine import form_of
 
     measured = read_aloud(file, reading)
     if not isinstance(measured, Surface | Profile):
@@ -344,8 +358,22 @@ def _correction(file: str, reading: dict[str, Any], options: dict[str, Any]) -> 
             "when C rises. If C turns the part the other way, the correction is mirrored: try it on the "
             "machine, then state it"
         )
+    nose = _lengths(options, ("nose",)).get("nose")
+    if options["form"] is not None and not nose:
+        raise click.UsageError("--form goes with --nose, the radius of the tool that touches it")
+    if nose and options["form"] is None:
+        raise click.UsageError(
+            "Missing option '--form'; where the nose touches depends on the slope of the part, such as --form \"sphere: R=50 mm\"."
+        )
+    if nose is None:
+        say(
+            "note: --nose is not given: the error is taken at the X of each block, as for points of the surface; "
+            "for the path of the tip or centre of a round nose give --nose and --form"
+        )
     return error_correction(
         measured,
+        nose=nose or 0.0,
+        form=None if options["form"] is None else form_of(options["form"]),
         c_sense=int(sense or 1),
         c_zero=0.0 if zero is None else parse_quantity(zero, dimension="angle", name="--c-zero"),
         centre=_centre(options["centre"]),

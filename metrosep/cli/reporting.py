@@ -272,6 +272,7 @@ def _writers(
     from functools import partial
 
     from metrosep.recipe.preflight import report_formats
+    from metrosep.report.schemas import schema_in
 
     known = report_formats()
     wanted = list(dict.fromkeys(f.strip().lower() for f in formats.split(",") if f.strip()))
@@ -291,8 +292,13 @@ def _writers(
         from metrosep.report.typeset import write_pdf
 
         writers["pdf"] = partial(write_pdf, standard=pdf_standard)
+    if schemas is not None and not {"dcc", "qif"} & writers.keys():
+        raise click.UsageError(
+            "--dcc-schema checks --format dcc or qif; add one of them, or leave it out"
+        )
     for name in ("dcc", "qif") if schemas is not None else ():
         if name in writers:
+            schema_in(Path(schemas), name)  # before any report is made
             writers[name] = partial(cast(Callable[..., Any], writers[name]), schemas=schemas)
     return writers
 
@@ -330,19 +336,22 @@ def _of_index(path: Path, below: list[Path], *, quiet: bool) -> list[Path]:
         raise CorruptFileError(
             index, f"it is not the index of a batch: {exc}", hint=again
         ) from None
-    links = [str(r.get("link")) for r in rows if link_of(r.get("link")) is not None]
+    links = [str(r["link"]) if link_of(r.get("link")) else "" for r in rows]
     counted = [path / n for n in links if n.rpartition("/")[2] == "result.json"]
     if not counted:
         raise CorruptFileError(index, "no row of it has a result", hint=again)
     others = len({*below} - {*counted})
-    failed = len(rows) - len(counted)
+    failed = [r.get("unit") for r, n in zip(rows, links, strict=True) if path / n not in counted]
     if others and not quiet:
         say(
             f"note: {others} result(s) below {path} are not of its index.json (another recipe, former "
             "contents, files that are gone) and are omitted; give their own folders to include them"
         )
     if failed and not quiet:
-        say(f"note: {failed} unit(s) of {index} have no result: they failed or were not begun")
+        named = ", ".join(map(str, failed[:5])) + (
+            f" and {len(failed) - 5} more" if len(failed) > 5 else ""
+        )
+        say(f"note: no report of {named}: by {index} these failed or were not begun")
     return counted
 
 

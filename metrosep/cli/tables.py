@@ -366,7 +366,7 @@ def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:
         if not str(degree).isdecimal():
             raise click.UsageError(f"--poly {degree}: a degree is a whole number, or auto")
         shape["degree"] = int(degree)
-    return {**shape, "controller": controller}
+    return {**shape, "controller": controller, "machine": _facts(options)}
 
 
 def _dimension(axis: str | None) -> str:
@@ -427,12 +427,15 @@ def _trial(made: Any, amplitude: str) -> Any:
     return trial
 
 
+def _facts(options: dict[str, Any]) -> dict[str, Any]:
+    """Return what --machine says."""
+    stated = name_values(tuple(options.get("machine") or ()), "--machine")
+    return {name.replace("-", "_"): value for name, value in stated}
+
+
 def write_arguments(options: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of `metrosep.controllers.write` that the options of a table give."""
-    machine: dict[str, Any] = {
-        name.replace("-", "_"): value
-        for name, value in name_values(tuple(options.get("machine") or ()), "--machine")
-    }
+    machine = _facts(options)
     if options.get("cross_axis") is not None:
         machine["cross_axis"] = options["cross_axis"]
     return {

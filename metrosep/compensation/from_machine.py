@@ -594,7 +594,7 @@ def _same_everywhere(
     at: Mapping[str, float],
     **how: Any,
 ) -> Iterator[str]:
-    """Return by axis of rotation which of its location errors no node of the tables shows."""
+    """Return by axis of rotation which of its location errors no node of the tables shows, and which they hold."""
     if not isinstance(errors, ErrorSet | Mapping):
         return
     given = as_error_set(errors).terms
@@ -602,7 +602,7 @@ def _same_everywhere(
     for element in chain.elements:
         if element.name not in axes or element.kind != "rotary":
             continue
-        listed = []
+        listed, held = [], []
         for term in element.location_errors:
             value = float(getattr(given.get(term), "value", 0.0))
             if not abs(value) > ZERO:
@@ -610,10 +610,17 @@ def _same_everywhere(
             alone = volumetric_source(
                 chain, {term: value}, axes=axes, grid=grid, at=at, exact=False, **how
             ).in_axes(q)
-            if max(float(np.ptp(e)) for e in alone.values()) < ZERO:
-                listed.append(f"{term} = {format_engineering(value, term_unit(chain, term))}")
+            same = max(float(np.ptp(e)) for e in alone.values()) < ZERO
+            said = f"{term} = {format_engineering(value, term_unit(chain, term))}"
+            (listed if same else held).append(said)
+        name = element.name
+        if held:
+            yield (
+                f"{', '.join(held)}: in the tables, as for a part whose zero stands still in the machine; where the "
+                f"control turns the zero with the axes that carry {name}, leave these out of the errors and correct "
+                f"the place and direction of the axis {name} in its kinematics by them"
+            )
         if listed:
-            name = element.name
             yield (
                 f"{', '.join(listed)}: of the same effect at every node, so the tables hold none of it; where the control "
                 f"turns the zero of the part with {name}, correct the place and direction of the axis {name} in its "

@@ -603,8 +603,8 @@ def choose_degree(
         raise DataError(f"degree={degree!r}; use a number, 'aicc' or 'f-test'")
     if not 0 <= max_degree <= MOST_TRIED:
         raise DataError(
-            f"max_degree must be 0 to {MOST_TRIED}, got {max_degree}; a higher degree is "
-            "stated, not chosen"
+            f"max_degree must be 0 to {MOST_TRIED}, got {max_degree}; state a higher "
+            "degree itself, as degree"
         )
     if known is not None:
         scores = _scores_of_estimate(*curves[0], known, domain, max_degree)

@@ -104,7 +104,7 @@ def sample_error(
     if heat is not None:
         forward = _cooled(forward, heat.slope)
         backward = None if backward is None else _cooled(backward, heat.slope)
-    p = _positions(positions, error, axis)
+    p = _positions(positions, error, axis, reference)
     for source in (error, reverse):
         if source is not None:
             _check_coverage(p, source, axis)
@@ -113,10 +113,10 @@ def sample_error(
     zero = _zero(p, reference, axis)
     columns = {1: forward, -1: forward if backward is None else backward}
     offset = at_reference(lambda x, d: columns[d](x), zero, reference_direction)
-    ahead = _held(_minus(forward, offset), p, _known(error))
+    ahead = _held(_minus(forward, offset), p, error)
     back = None
     if backward is not None:
-        back = _held(_minus(backward, offset), p, _known(error if reverse is None else reverse))
+        back = _held(_minus(backward, offset), p, error if reverse is None else reverse)
     u, covariances = _uncertainty(error, reverse, direction, p, zero, on_axis=on_axis, heat=heat)
     return SampledError(
         positions=p,
@@ -217,8 +217,11 @@ def _minus(error: ErrorFunction, offset: float) -> ErrorFunction:
     return lambda x: error(x) - offset
 
 
-def _held(error: ErrorFunction, p: FloatArray, known: tuple[float, float] | None) -> ErrorFunction:
-    """Hold the end values where the lookup p + c leaves what is known."""
+def _held(error: ErrorFunction, p: FloatArray, source: ErrorSource) -> ErrorFunction:
+    """Hold the end values where the lookup p + c leaves what is known; a closed turn goes on."""
+    if isinstance(source, PitchErrors) and source.is_closed:
+        return error
+    known = _known(source)
     low, high = known or (float(p[0]), float(p[-1]))
     return lambda x: error(np.clip(x, min(low, p[0]), max(high, p[-1])))
 
@@ -241,14 +244,16 @@ def _known(error: ErrorSource) -> tuple[float, float] | None:
 
 
 def _positions(
-    positions: ArrayLike | str | int | None, error: ErrorSource, axis: str
+    positions: ArrayLike | str | int | None, error: ErrorSource, axis: str, zero: float | None
 ) -> FloatArray:
     if positions is None:
         if isinstance(error, PitchErrors):
             return error.positions
         raise TableError("state the positions of the entries, or their spacing such as '1 mm'")
     if isinstance(positions, str):
-        return _multiples(positions, _require_range(error), axis)
+        if isinstance(error, PitchErrors) and error.is_closed:
+            zero = None  # one turn stays one turn
+        return _multiples(positions, _require_range(error), axis, zero)
     if isinstance(positions, SupportsIndex) and np.ndim(positions) == 0:
         return np.linspace(*_require_range(error), max(operator.index(positions), 0))
     return column(positions, "positions")
@@ -261,12 +266,15 @@ def _require_range(error: ErrorSource) -> tuple[float, float]:
     return span
 
 
-def _multiples(text: str, span: tuple[float, float], axis: str) -> FloatArray:
-    """Return the multiples of a spacing in a range."""
-    low, high = span
+def _multiples(
+    text: str, span: tuple[float, float], axis: str, zero: float | None = None
+) -> FloatArray:
+    """Return the multiples of a spacing in a range, counted from a place of zero correction within it."""
+    zero = 0.0 if zero is None or not span[0] <= zero <= span[1] else zero
+    low, high = span[0] - zero, span[1] - zero
     kind = "angle" if is_rotary(axis) else "length"
     spacing = parse_quantity(text, dimension=kind, name=f"spacing of {axis}")
-    covered = f"{format_position(axis, low)} ... {format_position(axis, high)}"
+    covered = f"{format_position(axis, span[0])} ... {format_position(axis, span[1])}"
     if not 0.0 < spacing <= high - low:
         raise TableError(
             f"spacing {text!r} must be positive and at most the measured range {covered}"
@@ -281,7 +289,7 @@ def _multiples(text: str, span: tuple[float, float], axis: str) -> FloatArray:
         raise TableError(
             f"no two multiples of {text!r} lie in {covered}; use a finer spacing"
         ).hinting(spacing=rounded_spacing((high - low) / USUAL_ENTRIES, axis))
-    return np.clip(np.arange(first, last + 1) * spacing, low, high)
+    return np.clip(zero + np.arange(first, last + 1) * spacing, *span)
 
 
 def rounded_spacing(size: float, axis: str = "X", *, up: bool = False) -> str:
@@ -494,9 +502,13 @@ class SampledArea:
 
 
 def grid_positions(
-    wanted: ArrayLike | str | int | None, error: AreaFunction, which: int, axis: str
+    wanted: ArrayLike | str | int | None,
+    error: AreaFunction,
+    which: int,
+    axis: str,
+    zero: float | None = None,
 ) -> FloatArray:
-    """Return the positions of a map along one axis."""
+    """Return the positions of a map along one axis, which is zero at a place."""
     known = (error.x, error.y)[which] if isinstance(error, ErrorMap) else None
     if wanted is not None and not isinstance(wanted, str) and np.ndim(wanted) > 0:
         positions = rising(wanted, axis)
@@ -512,7 +524,7 @@ def grid_positions(
     if wanted is None:
         return known
     if isinstance(wanted, str):
-        return rising(_multiples(wanted, (float(known[0]), float(known[-1])), axis), axis)
+        return rising(_multiples(wanted, (float(known[0]), float(known[-1])), axis, zero), axis)
     if isinstance(wanted, SupportsIndex):
         count = operator.index(wanted)
         if not 2 <= count <= _MAX_ENTRIES:
@@ -537,8 +549,8 @@ def sample_area(
     given = (x, y)
     if isinstance(error, np.ndarray | list | tuple):
         given = (None, None)
-    columns = grid_positions(given[0], function, 0, axes[0])
-    rows = grid_positions(given[1], function, 1, axes[1])
+    columns = grid_positions(given[0], function, 0, axes[0], first)
+    rows = grid_positions(given[1], function, 1, axes[1], second)
     zero = (_zero(columns, first, axes[0]), _zero(rows, second, axes[1]))
     dense_x, dense_y = _dense(columns, rows, function)
     looked = np.asarray(function(*np.meshgrid(dense_x, dense_y)), dtype=np.float64)

@@ -59,6 +59,8 @@ from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["CompensationTable"]
 
+_SAME_PLACE = 1e-9
+"""Of the range of the targets: places so near to each other are one."""
 _SOURCE_POINTS = 10
 """Positions kept between two entries of the error that a table was made of."""
 
@@ -653,7 +655,10 @@ def _of_list(
             f"a list of targets is the error of {axis} along itself, and {target} is not {axis}: "
             "say the axis that was measured"
         )
-    if heat is not None or reference not in (None, error.reference):
+    elsewhere = reference is not None and abs(reference - error.reference) > _SAME_PLACE * float(
+        np.ptp(error.positions)
+    )
+    if heat is not None or elsewhere:
         raise DataError(
             "reference and temperatures of a list of targets are stated to pitch_errors"
         )

@@ -142,7 +142,7 @@ def rolling_grid(
     elif spacing is not None and not is_whole(span / step):
         raise TableError(
             f"{axis}: the span {format_along(axis, span)} is not a multiple of the spacing "
-            f"{format_along(axis, step)}; entries stand at equal steps over it"
+            f"{format_along(axis, step)}; entries have equal steps over it: choose a spacing that divides the span"
         )
     else:
         n = max(1, round(span / step))
@@ -176,7 +176,7 @@ def rolled_values(
             raise TableError(
                 f"the value at the zero of the motor must be 0 by definition of the format, the "
                 f"table has {format_amount(corrected, there)}; make the table with its reference there "
-                "(CompensationTable.from_error(reference=...)), or state where the zero of the motor "
+                "(reference=), or state where the zero of the motor "
                 "lies (motor_zero=)"
             )
     elif x[0] > 0.0:
@@ -484,10 +484,9 @@ def sections(
     there = float(table.correction(zero, 1)[0])
     if abs(there) > _SAME:
         raise TableError(
-            f"{title} counts from the reference position {format_along(table.axis, zero)}, where the "
-            f"correction must be exactly 0 and is {format_amount(table.axis, there)}; make the reference "
-            f"one of the positions: CompensationTable.from_error(..., positions=[..., {zero:.9g}, ...], "
-            f"reference={zero:.9g})"
+            f"{title} counts from the reference position {format_along(table.axis, zero, digits=9)}, where the "
+            f"correction must be exactly 0 and is {format_amount(table.axis, there)}; make the "
+            f"table with reference='{format_along(table.axis, zero, digits=9)}', as an entry of it"
         )
     positions = uniform_positions(
         table,

@@ -251,7 +251,10 @@ class Variables:
             )
         if abs(count - round(count)) > _WHOLE * max(count, 1.0):
             raise CorruptFileError(
-                path, f"{what}: MAX - MIN is not a multiple of STEP", found=count
+                path,
+                f"{what}: MAX - MIN is not a multiple of STEP",
+                found=f"{count:.6g} steps",
+                hint="correct MIN, MAX or STEP, or read the table out of the control again",
             )
         if len(values) != round(count) + 1 or max(values) != round(count):
             raise damaged(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from metrosep.compensation.combine import combine_tables
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import cooled, measured_error
 from metrosep.compensation.table import CompensationTable
+from metrosep.compensation.uniform import is_uniform
 from metrosep.controllers._grids import carry
 from metrosep.controllers.base import (
     ALONE,
@@ -36,7 +38,7 @@ from metrosep.controllers.base import (
     require_unchanged,
     sidecar_options,
 )
-from metrosep.controllers.options import checked_options
+from metrosep.controllers.options import checked_options, is_one_turn
 from metrosep.controllers.registry import find
 from metrosep.controllers.safety import require_read_back
 from metrosep.core._arrays import FloatArray
@@ -48,6 +50,10 @@ from metrosep.separation.positions.pitch import REFERENCE_DIRECTIONS
 
 __all__ = ["Active", "Beside", "active_file", "columns_beside", "held_as", "in_columns"]
 
+_NEAR = 1e-9
+"""Of a span: places so near to each other are one."""
+_NOTHING = 1e-13
+"""A tenth of a picometre."""
 _STEPS = 8
 """Of the fixed point for c_new; slopes of 1e-2 need seven."""
 
@@ -155,6 +161,9 @@ def active_file(
     }
     if "column" in known:
         given["column"] = new.compensates
+    if "first" in known and not beside and dialect.facts(data, file, **given).get("first") is None:
+        # the travel of the machine, which a file of the control does not state
+        given |= dict(zip(("first", "last"), new.span, strict=True))
     table = dialect.decode(data, file, **given)
     if not beside:
         table = replace(
@@ -163,8 +172,47 @@ def active_file(
         )  # fmt: skip
     else:
         table = replace(table, **held_as(file, beside))
+    lookup = dialect.lookup(data, file, **given)
     return Active(
-        file.name, hashlib.sha256(data).hexdigest(), table, dialect.lookup(data, file, **given)
+        file.name, hashlib.sha256(data).hexdigest(), _gone_on(table, lookup, new.span), lookup
+    )
+
+
+def _gone_on(
+    table: CompensationTable, lookup: Simulator, span: tuple[float, float]
+) -> CompensationTable:
+    """Return a table that also holds what its control does beyond it over a travel: it may roll over."""
+    low, high = table.span
+    near = _NEAR * (high - low)
+    if low - near <= span[0] and span[1] <= high + near:
+        return table
+    if is_uniform(table.positions):
+        length, knots = (high - low) / (table.positions.size - 1), np.array([low])
+    else:
+        length, knots = high - low, table.positions[:-1]
+    turns = np.arange(
+        math.floor((span[0] - high) / length), math.ceil((span[1] - low) / length) + 1
+    )
+    places = np.sort((knots + length * turns[:, None]).ravel())
+    inside = places[(places > span[0] + near) & (places < span[1] - near)]
+    places = np.concatenate([span[:1], inside, span[1:]])
+    ways = (1,) if table.reverse is None else (1, -1)
+    columns = {d: lookup(places, d) for d in ways}
+    if all(np.abs(columns[d] - table.correction(places, d)).max() <= _NOTHING for d in ways):
+        return table  # its ends hold
+    if not is_one_turn(table):  # whose other places are these again
+        own = table.positions[
+            (table.positions < span[0] - near) | (table.positions > span[1] + near)
+        ]
+        places = np.sort(np.concatenate([own, places]))
+        columns = {d: lookup(places, d) for d in ways}
+    return replace(
+        table,
+        positions=places,
+        forward=columns[1],
+        reverse=columns.get(-1),
+        u=None,
+        covariances={},
     )
 
 

@@ -382,10 +382,16 @@ def _reminders(
 ) -> Iterator[Finding]:
     """Return what the file cannot set, and what is not documented of it."""
     if table.reverse is not None:
+        alike = np.array_equal(table.reverse, table.forward)
+        lost = (
+            "both lists are alike: lost motion stays in the backlash 1851"
+            if alike
+            else "with both lists the backlash 1851 would correct lost motion twice"
+        )
         yield Finding.warning(
             "the file holds a list for each direction, but not parameter 3605, whose other bits belong "
-            "to the machine; with both lists the backlash 1851 would correct lost motion twice",
-            "set bit 0 of 3605 to 1 and 1851 to 0 by hand",
+            f"to the machine; {lost}",
+            f"set bit 0 of 3605 to 1{'' if alike else ' and 1851 to 0'} by hand",
             "reversal",
         )
         yield Finding.warning(

@@ -196,7 +196,7 @@ def _number(value: Any, kind: str, what: str) -> float:
         try:
             return numbers.quantity(value, what.split("=", maxsplit=1)[0], kind)
         except UnitError as exc:
-            raise DataError(f"{what}: {exc}") from None
+            raise DataError(str(exc)) from None
     try:
         return numbers.real(float(value) if isinstance(value, str) else value, what)
     except (DataError, ValueError):

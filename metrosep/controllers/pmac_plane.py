@@ -333,7 +333,7 @@ def _node_values(
             raise TableError(
                 f"where both motors read zero the value must be 0 by definition of the format, the "
                 f"map has {format_amount(axes[2], there)}; make it with its reference there "
-                "(CompensationMap.from_error(reference=...)), or state where the motors read zero "
+                "(reference=), or state where the motors read zero "
                 "(x_zero=, y_zero=)"
             )
     nodes = rolled_weights(grids[1], y) @ values @ rolled_weights(grids[0], x).T

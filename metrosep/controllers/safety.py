@@ -120,8 +120,8 @@ def table_findings(carried: Any, limits: Limits, info: DialectInfo) -> list[Find
         given = [n for n in names if getattr(limits, n) is not None]
         if given:
             raise DataError(
-                f"{given[0]} is of one axis, {info.id} holds a map over two: make the map as large as both "
-                "travels (x= and y= of CompensationMap.from_error) and leave it out"
+                f"{given[0]} is of one axis, {info.id} holds a map over two: measure the map over both "
+                "travels and leave it out"
             )
         return [*found, *_area_uncertainty(carried)]
     if info.carries == "polynomial":

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.compensation.area_errors import (
+    format_along,
     format_amount,
     format_position,
     is_rotary,
@@ -560,9 +561,9 @@ def _require_zero(table: CompensationTable, o: dict[str, Any]) -> None:
         raise TableError(
             f"the correction at the reference point {format_position(table.axis, place)} is "
             f"{format_amount(table.axis, there)} in the file: the axis would jump by it when it is referenced; "
-            "make the table with CompensationTable.from_error(..., reference=<reference point>), with "
-            "the reference point among its positions (and a spacing= that keeps it one), or give "
-            "reference_point="
+            f"make the table with reference='{format_along(table.axis, place, digits=9)}' (and a spacing= of the "
+            "file, if there is one, that keeps it an entry), or say where the axis is referenced "
+            "(reference_point=)"
         )
 
 

@@ -226,7 +226,7 @@ def sampled(
     if table.reverse is not None:
         raise TableError(
             "a wave is played in one direction of motion, this table has two columns; make one for "
-            "each pass (CompensationTable.from_error(direction='forward') and 'reverse')"
+            "each pass, one with direction='forward' and one with direction='reverse'"
         )
     turns = options["motion"] == "turn"
     if is_rotary(table.axis) and not turns:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import InvalidSamplesError, OptionError, TooFewSamplesError
 from metrosep.core.numbers import quantity
+from metrosep.core.units import Pixels, parse_lateral
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -123,11 +124,35 @@ def is_frozen(values: ArrayLike) -> TypeGuard[FloatArray]:
 
 def position(value: Any, name: str) -> tuple[float, float]:
     """Return a position (x, y) in m of two lengths, each a number in m or a text with its unit."""
+    x, y = (quantity(v, k, "length") for k, v in _pair(value, name).items())
+    return x, y
+
+
+def place(value: Any, name: str) -> tuple[float, float]:
+    """Return a position on a map in m or, where its texts are in px, in its pixels."""
+    x, y = (lateral(v, k) for k, v in _pair(value, name).items())
+    return x, y
+
+
+def lateral(value: Any, name: str) -> float:
+    """Return a place or size on a map in m or, of a text in px, in pixels."""
+    if isinstance(value, str):
+        return parse_lateral(value, name=name)
+    return value if isinstance(value, Pixels) else quantity(value, name, "length")
+
+
+def _pair(value: Any, name: str) -> dict[str, Any]:
+    """Return x and y of a pair, by their names."""
     pair = () if isinstance(value, str | bytes) or not hasattr(value, "__len__") else tuple(value)
     if len(pair) != 2:
         raise OptionError(f"{name} must be two positions (x, y) in m, got {value!r}")
-    x, y = (quantity(v, f"{k} of {name}", "length") for k, v in zip("xy", pair, strict=True))
-    return x, y
+    return {f"{k} of {name}": v for k, v in zip("xy", pair, strict=True)}
+
+
+def is_turn(angle: FloatArray) -> bool:
+    """Whether angles go once around: the next step would be back at the first."""
+    step = np.ptp(angle) / max(angle.size - 1, 1)
+    return bool(abs(np.ptp(angle) + step - 2.0 * np.pi) < 1.5 * step)
 
 
 def way(values: FloatArray) -> int:

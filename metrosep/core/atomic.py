@@ -204,8 +204,14 @@ def read_plain(path: str | os.PathLike[str], limit: int) -> bytes:
 
 
 def read_plain_text(path: str | os.PathLike[str], limit: int) -> str:
-    r"""Return the text of a plain file in UTF-8, with ``\n`` as line ends."""
-    return read_plain(path, limit).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+    r"""Return the text of a plain file in UTF-8, with ``\n`` as line ends; OSError names a line that is not."""
+    content = read_plain(path, limit)
+    try:
+        return content.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as exc:
+        line = content.count(b"\n", 0, exc.start) + 1
+        said = f"line {line} is not UTF-8; save the file in the encoding UTF-8"
+        raise OSError(errno.EILSEQ, said, str(path)) from None
 
 
 def require_plain(path: Path, limit: int | None = None) -> None:

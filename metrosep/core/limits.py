@@ -7,7 +7,7 @@ from typing import Any
 
 from metrosep.core.errors import UnitError
 from metrosep.core.readable import digits_of, readable_unit
-from metrosep.core.units import parse_quantity, parse_unit
+from metrosep.core.units import PIXEL, parse_quantity, parse_unit
 
 __all__ = [
     "COVERAGE",
@@ -52,8 +52,8 @@ _BASES: dict[str, dict[str, int]] = {
 }
 _PRODUCT = re.compile(r"([^\s^/\d*-]+?)\^?([+-]?\d+)?")
 _AMOUNT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S.*?)\s*")
-_WORDS = {"": "a pure number", "m": "a length", "rad": "an angle", "s": "a time"}
-_EXAMPLES = {"m": "120 nm", "rad": "0.5 urad", "s": "2 ms"}
+_WORDS = {"": "a pure number", "m": "a length", "rad": "an angle", "s": "a time", PIXEL: "in px"}
+_EXAMPLES = {PIXEL: "120 px", "m": "120 nm", "rad": "0.5 urad", "s": "2 ms"}
 
 
 class Limit(float):
@@ -97,6 +97,9 @@ def _factors(unit: str) -> tuple[float, str]:
         match = _PRODUCT.fullmatch(name)
         if match is None or k > 1:
             raise UnitError(f"unknown unit {unit!r}; write it such as nm, urad, mm^2, 1/mm, nm/s")
+        if name == PIXEL:
+            powers[PIXEL] = powers.get(PIXEL, 0) + (-1 if k else 1)
+            continue
         known = parse_unit(match[1])
         power = int(match[2] or 1) * (-1 if k else 1)
         if known.dimension not in _BASES:

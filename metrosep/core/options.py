@@ -17,7 +17,7 @@ from metrosep.core.errors import InvalidSamplesError, OptionError, UnitError
 from metrosep.core.limits import FROM_FIT, Limit, parse_limit
 from metrosep.core.numbers import steps_of
 from metrosep.core.readable import did_you_mean, said_value
-from metrosep.core.units import TYPICAL, parse_quantity, unit_dimension
+from metrosep.core.units import TYPICAL, Pixels, parse_lateral, parse_quantity, unit_dimension
 
 __all__ = ["KINDS", "Kind", "Option", "checked", "option", "options_of"]
 
@@ -187,6 +187,23 @@ def _quantity(dimension: str, rule: str = "quantity") -> Check:
     return check
 
 
+def _lateral(rule: str = "quantity") -> Check:
+    """Return the check of a place or size on a map: a length, or pixels."""
+    length = _quantity("length", rule)
+
+    def check(value: Any, name: str, bare: bool) -> float:
+        from metrosep.core import numbers
+
+        found = parse_lateral(value, name=name) if isinstance(value, str) else value
+        if not isinstance(found, Pixels):
+            return float(length(value, name, bare))
+        if rule == "positive":
+            numbers.positive(found, "it" if name == "value" else name)
+        return found
+
+    return check
+
+
 def _number(value: Any, name: str, bare: bool) -> float:
     from metrosep.core import numbers
 
@@ -245,7 +262,9 @@ def _column(value: Any, name: str, bare: bool) -> Any:
         for key in (k for k in value if k not in known):
             hint = did_you_mean(key, sorted(known))
             raise OptionError(f'unknown key "{key}"; known: column, unit, scale.{hint}')
-    raise OptionError('a column is its name, or { column = "X", unit = "mm" }')
+    raise OptionError(
+        f'a column is given by its name, or as {{ column = "X", unit = "mm" }}; got {value!r}'
+    )
 
 
 def _lag(value: Any, name: str, bare: bool) -> Any:
@@ -301,18 +320,22 @@ def _windows(value: Any, name: str, bare: bool) -> tuple[tuple[float, ...], ...]
     return tuple(tuple(time(t, name, bare) for t in pair or ()) for pair in pairs)
 
 
-def _places(value: Any, name: str, bare: bool) -> tuple[Any, ...]:
-    """Return positions along a line, or x and y of each."""
-    example = '[["0 mm", "0 mm"], ["10 mm", "0 mm"]], or ["0 mm", "10 mm"] along a line'
-    items, length = _items(value, bare), _quantity("length")
-    if not items:
-        raise OptionError(f"a list of positions is needed here: {example}")
-    pairs = [_items(_parts(item), bare) for item in items]
-    if not any(pair is not None for pair in pairs):
-        return tuple(length(item, name, bare) for item in items)
-    if any(pair is None or len(pair) != 2 for pair in pairs):
-        raise OptionError(f"each position has x and y: {example}")
-    return tuple(tuple(length(v, name, bare) for v in pair or ()) for pair in pairs)
+def _places(one: Check) -> Check:
+    """Return the check of positions along a line, or of x and y of each."""
+
+    def check(value: Any, name: str, bare: bool) -> tuple[Any, ...]:
+        example = '[["0 mm", "0 mm"], ["10 mm", "0 mm"]], or ["0 mm", "10 mm"] along a line'
+        items = _items(value, bare)
+        if not items:
+            raise OptionError(f"a list of positions is needed here: {example}")
+        pairs = [_items(_parts(item), bare) for item in items]
+        if not any(pair is not None for pair in pairs):
+            return tuple(one(item, name, bare) for item in items)
+        if any(pair is None or len(pair) != 2 for pair in pairs):
+            raise OptionError(f"each position has x and y: {example}")
+        return tuple(tuple(one(v, name, bare) for v in pair or ()) for pair in pairs)
+
+    return check
 
 
 def _parts(value: Any) -> Any:
@@ -332,9 +355,9 @@ def _steps(value: Any, name: str, bare: bool) -> Any:
 
 def _point(value: Any, name: str, bare: bool) -> tuple[float, float]:
     """Return x and y of a point."""
-    pair, length = _items(_parts(value), bare), _quantity("length")
+    pair, length = _items(_parts(value), bare), _lateral()
     if pair is None or len(pair) != 2:
-        raise OptionError('a point has x and y, "1.2 mm, 0.3 mm"')
+        raise OptionError('a point has x and y, "1.2 mm, 0.3 mm" or "120 px, 30 px"')
     return length(pair[0], name, bare), length(pair[1], name, bare)
 
 
@@ -518,9 +541,22 @@ KINDS: Mapping[str, Kind] = {
     ),
     "places": Kind(
         'positions along a line, "0 mm, 10 mm", or in a plane, "0 mm..0 mm, 10 mm..0 mm"',
-        _places, "length", "0 mm..0 mm,4 mm..0 mm,0 mm..4 mm", "pairs",
+        _places(_quantity("length")), "length", "0 mm..0 mm,4 mm..0 mm,0 mm..4 mm", "pairs",
     ),
-    "point": Kind('a point, x and y, "1.2 mm, 0.3 mm"', _point, "length", "1.2 mm, 0.3 mm"),
+    "point": Kind(
+        'a point of a map, x and y, "1.2 mm, 0.3 mm" or "120 px, 30 px"', _point, "length", "1.2 mm, 0.3 mm"
+    ),
+    "corners": Kind(
+        'points of a map, "1.2 mm, 0.3 mm" or "120 px, 30 px"', _places(_lateral()), "length",
+        "0 mm..0 mm,4 mm..0 mm,0 mm..4 mm", "pairs",
+    ),
+    "lateral": Kind(
+        'a length with its unit, "-5 mm", or pixels of the map, "120 px"', _lateral(), "length", "1 mm"
+    ),
+    "extent": Kind(
+        'a length above zero with its unit, "25 mm", or pixels of the map, "120 px"',
+        _lateral("positive"), "length", "25 mm",
+    ),
     "pairs": Kind(
         "pairs of whole numbers, 0..0,1..0", _pairs, None, "0..0,1..0", "plain pairs"
     ),

@@ -10,7 +10,14 @@ from typing import Any
 from metrosep.core.errors import DataError, UnitError
 from metrosep.core.numbers import is_real, real
 from metrosep.core.public import PublicObject, shortened
-from metrosep.core.units import format_engineering, parse_quantity, parse_unit
+from metrosep.core.units import (
+    PIXEL,
+    Pixels,
+    format_engineering,
+    parse_lateral,
+    parse_quantity,
+    parse_unit,
+)
 
 __all__ = ["Quantity"]
 
@@ -109,7 +116,11 @@ class Quantity(PublicObject):
 
     def _other_side(self, other: Any) -> float:
         """Return the value that it is compared with, in its own unit."""
-        if isinstance(other, str):
+        if isinstance(other, str) and self.unit == PIXEL:
+            limit = parse_lateral(other, name="the limit")
+            if isinstance(limit, Pixels):
+                return limit
+        elif isinstance(other, str):
             return parse_quantity(other, dimension=parse_unit(self.unit).dimension)
         if is_real(other) and self.unit == "1":
             return real(other, "a limit", finite=False)

@@ -5,7 +5,7 @@ The centre of a pixel decides whether it is inside.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
-from metrosep.core.units import format_length
+from metrosep.core.errors import DataError, Example
+from metrosep.core.units import Pixels, format_length
 
 if TYPE_CHECKING:
     from metrosep.core.surface import Surface
@@ -24,8 +24,12 @@ __all__ = [
     "Axis",
     "assumed_axis",
     "check_region",
+    "counts_pixels",
     "crosses_itself",
+    "in_pixels",
     "measured_middle",
+    "needs_scale",
+    "not_round",
     "region_words",
     "within_region",
 ]
@@ -42,13 +46,67 @@ SHAPES: Mapping[str, tuple[str, ...]] = {
 }
 """Shapes, and the keys that each needs."""
 
-_KEYS = ("diameter", "inner_diameter", "width", "height", "angle", "radius", "points")
+_LENGTHS = ("diameter", "inner_diameter", "width", "height", "radius")
+_KEYS = (*_LENGTHS, "angle", "points")
 _FEWEST = {"polygon": 3, "brush": 1}
 """Points of a shape that is drawn."""
 _ROUNDING = 1e-9
 """Relative: a point on the rim of a circle, a rectangle or a brush is inside."""
+_SQUARE = 1e-6
+"""Relative difference of both steps below which pixels are square; files round steps to fewer digits."""
 _FLAT = 1e-12
 """Of the extent of a polygon: corners so close to one line enclose nothing."""
+
+
+def in_pixels(what: str, *given: Any) -> bool:
+    """Return whether all places and sizes of a shape count pixels; refuse one that counts some of them only."""
+    kinds = {isinstance(v, Pixels) for v in _each(given)}
+    if len(kinds) > 1:
+        raise DataError(
+            f"{what} has some of its places and sizes in px and others in a unit of length: write all of "
+            "them in px, as a map without scale needs, or none"
+        )
+    return True in kinds
+
+
+def counts_pixels(given: Any) -> bool:
+    """Return whether a step or section of a recipe has a place or size in px."""
+    return any(isinstance(v, Pixels) for v in _each([given]))
+
+
+def _each(given: Any) -> Iterator[float]:
+    """Yield the numbers in nested sequences and tables."""
+    for value in given:
+        if isinstance(value, list | tuple):
+            yield from _each(value)
+        elif isinstance(value, Mapping):
+            yield from _each(value.values())
+        elif value is not None and not isinstance(value, str):
+            yield value
+
+
+def needs_scale(what: str, example: str) -> DataError:
+    """Return the error of a length on a map whose pixels have no known size, with both ways out."""
+    return DataError(
+        f"{what} is given in a unit of length, and the file does not say how large a pixel of the map is: "
+        f'write it in pixels, such as {example}, or give lateral_step = "3 um" where the file is read'
+    ).hinting(lateral_step=Example("3 um"))
+
+
+def not_round(surface: Surface, what: str) -> str:
+    """Return why what is drawn in px is distorted on a map, or may be; nothing where its pixels are square."""
+    dx, dy = surface.dx, surface.dy
+    if dx is None or dy is None:
+        return (
+            f"{what} counts pixels, and the file does not say whether they are square: where they are not, "
+            "lengths along x and y differ and a circle is an ellipse"
+        )
+    if abs(dx - dy) <= _SQUARE * dx:
+        return ""
+    return (
+        f"{what} counts pixels, which are {format_length(dx)} by {format_length(dy)} on this map: lengths along "
+        "x and y differ and a circle is an ellipse; give it in mm if that is not meant"
+    )
 
 
 def within_region(
@@ -129,7 +187,10 @@ def check_region(shape: str, region: Mapping[str, Any], *, is_profile: bool) -> 
         raise DataError(f"{kind} has no {', '.join(stray)}; it has {', '.join(known)}")
     for key in (k for k in needed if k != "points"):
         if not (np.isfinite(region[key]) and region[key] > 0.0):
-            raise DataError(f"{key} of the aperture must be more than zero, got {region[key]} m")
+            raise DataError(
+                f"{key} of the aperture must be more than zero, got {format_length(region[key])}"
+            )
+    in_pixels(f"the {shape}", *(region.get(k) for k in (*_LENGTHS, "points", "centre")))
     if shape == "ring" and not region["inner_diameter"] < region["diameter"]:
         raise DataError(
             f"inner_diameter = {format_length(region['inner_diameter'])} of the ring must be "

@@ -9,18 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray, position
-from metrosep.core.errors import DataError, Example, TooFewSamplesError, UnitError
+from metrosep.core._arrays import FloatArray, lateral, place, position
+from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.core.regions import within_region
-from metrosep.core.units import format_length
+from metrosep.core.regions import in_pixels, needs_scale, within_region
+from metrosep.core.units import PIXEL, Pixels, format_length
 
 if TYPE_CHECKING:
     from metrosep.core.surface import Surface
@@ -33,12 +33,14 @@ __all__ = [
     "circle_through",
     "distance",
     "extremes_in",
+    "grid_of",
     "harmonics",
     "height_at",
     "heights_at",
     "is_calibrated",
+    "of_pixels",
     "read_line",
-    "require_steps",
+    "require_units",
     "section_profile",
 ]
 
@@ -94,17 +96,17 @@ def section_profile(
     >>> section_profile(plane, (0, 0), (0.6, 0.8)).z.round(12).tolist()
     [0.0, 2.2]
     """
-    unit = "m" if is_calibrated(surface) else "px"
-    a, b = _place(surface, a, "a"), _place(surface, b, "b")
-    x, z, _, share = read_line(surface, a, b, method)
-    ends = {f"from_{unit}": list(a), f"to_{unit}": list(b)}
+    seen, (one, other, across) = _seen(surface, a=a, b=b, width=width)
+    unit = "m" if is_calibrated(seen) else PIXEL
+    x, z, _, share = read_line(seen, one, other, method)
+    ends = {f"from_{unit}": list(map(float, one)), f"to_{unit}": list(map(float, other))}
     step = {**ends, "reading": method, "bilinear_share": share}
-    if width is not None:
-        if unit == "px" and isinstance(width, str):
-            raise _in_pixels("width")
-        across = not_negative(width, "width", dimension="length")
-        z, n, used = _mean_of_band(surface, a, b, across, method)
-        step |= {f"width_{unit}": across, "lines": n, "lines_share": used}
+    if across is not None:
+        z, n, used = _mean_of_band(seen, one, other, not_negative(across, "width"), method)
+        step |= {f"width_{unit}": float(across), "lines": n, "lines_share": used}
+    if seen is not surface and is_calibrated(surface):  # as far apart as its pixels are
+        _, (dx, dy) = grid_of(surface)
+        x = x * (math.hypot((other[0] - one[0]) * dx, (other[1] - one[1]) * dy) / x[-1])
     history = (*surface.history, Step("section", step))
     return Profile(x, z, metadata=surface.metadata, history=history)
 
@@ -117,10 +119,10 @@ def _mean_of_band(
     Lines k and -k count together or not at all: the mean of one side would lie beside the line, a step
     of slope times distance at every gap. Less than half of the lines is a gap.
     """
-    step = min(_grid(surface)[1])
+    step = min(grid_of(surface)[1])
     half = math.floor(width / (2.0 * step) * (1.0 + 1e-9))
     if half > _MOST_LINES:
-        raise DataError(f"width = {width:.9g} m holds more than {2 * _MOST_LINES} lines")
+        raise DataError(f"width = {_said(surface, width)} holds more than {2 * _MOST_LINES} lines")
     length = math.hypot(b[0] - a[0], b[1] - a[1])
     normal = (-(b[1] - a[1]) / length * step, (b[0] - a[0]) / length * step)
 
@@ -163,22 +165,28 @@ def circle_section(
     >>> len(ring), round(float(ring.z[0]), 9), harmonics(ring, [1, 2])[0].round(9).tolist()
     (32, 15.0, [5.0, 0.0])
     """
-    unit = "m" if is_calibrated(surface) else "px"
-    x, y = _place(surface, centre, "centre")
-    if isinstance(radius, str) and not is_calibrated(surface):
-        raise _in_pixels("radius")
-    r = positive(radius, "radius", dimension="length")
-    (x0, y0), (dx, dy) = _grid(surface)
+    seen, ((x, y), r) = _seen(surface, centre=centre, radius=radius)
+    positive(r, "radius")
+    unit = "m" if is_calibrated(seen) else PIXEL
+    (x0, y0), (dx, dy) = grid_of(seen)
     if not 2.0 * math.pi * r < _MOST_SAMPLES * min(dx, dy):
-        raise DataError(f"the circle of radius {r:.9g} has more than {_MOST_SAMPLES} samples")
+        raise DataError(
+            f"the circle of radius {_said(seen, r)} has more than {_MOST_SAMPLES} samples"
+        )
     n = max(4, math.ceil(2.0 * math.pi * r / min(dx, dy) * (1.0 - 1e-9)))
     angle = 2.0 * np.pi * np.arange(n) / n
     column = (x + r * np.cos(angle) - x0) / dx
     row = (y + r * np.sin(angle) - y0) / dy
-    z, share = heights_at(surface, row, column, method)
-    step = {f"centre_{unit}": [x, y], f"radius_{unit}": r, "reading": method}
+    z, share = heights_at(seen, row, column, method)
+    step = {f"centre_{unit}": [float(x), float(y)], f"radius_{unit}": float(r), "reading": method}
     history = (*surface.history, Step("circle section", {**step, "bilinear_share": share}))
-    return Profile(r * angle, z, metadata=surface.metadata, history=history)
+    arc = r * angle
+    if seen is not surface and is_calibrated(surface):  # chord by chord: it may be an ellipse
+        _, (dx, dy) = grid_of(surface)
+        chords = np.hypot(dx * np.diff(r * np.cos(angle)), dy * np.diff(r * np.sin(angle)))
+        turn = (math.pi / n) / math.sin(math.pi / n)  # an arc over its chord
+        arc = turn * np.concatenate([[0.0], np.cumsum(chords)])
+    return Profile(arc, z, metadata=surface.metadata, history=history)
 
 
 def harmonics(ring: Profile, orders: Sequence[int]) -> tuple[FloatArray, FloatArray]:
@@ -199,9 +207,9 @@ def height_at(
     surface: Surface, point: Sequence[float | str], *, method: Reading = "lanczos"
 ) -> float:
     """Return the height of a map at a point; NaN where it was not measured (m)."""
-    (x0, y0), (dx, dy) = _grid(surface)
-    x, y = _place(surface, point, "point")
-    z, _ = heights_at(surface, np.array([(y - y0) / dy]), np.array([(x - x0) / dx]), method)
+    seen, ((x, y),) = _seen(surface, point=point)
+    (x0, y0), (dx, dy) = grid_of(seen)
+    z, _ = heights_at(seen, np.array([(y - y0) / dy]), np.array([(x - x0) / dx]), method)
     return float(z[0])
 
 
@@ -243,7 +251,7 @@ def angle_at(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> floa
 
 
 class CircleExtremes(NamedTuple):
-    """The highest and the lowest pixel in a circle: x, y and height, m."""
+    """The highest and the lowest pixel in a circle: x and y in m, or in px, and height in m."""
 
     peak: tuple[float, float, float]
     valley: tuple[float, float, float]
@@ -254,9 +262,8 @@ def extremes_in(
     surface: Surface, centre: tuple[float, float], radius: float
 ) -> CircleExtremes | None:
     """Return the extreme pixels whose centre lies in a circle, None where nothing was measured there."""
-    require_steps(surface)
-    (x0, y0), (dx, dy) = _grid(surface)
-    (cx, cy), r = centre, radius
+    surface, ((cx, cy), r) = _seen(surface, centre=centre, radius=radius)
+    (x0, y0), (dx, dy) = grid_of(surface)
     x: FloatArray = x0 + dx * np.arange(surface.shape[1], dtype=np.float64)
     y: FloatArray = y0 + dy * np.arange(surface.shape[0], dtype=np.float64)
     columns, rows = (
@@ -266,7 +273,8 @@ def extremes_in(
     reach = r * (1 - 1e-9)
     inside = all(v[0] <= c - reach and v[-1] >= c + reach for v, c in ((x, cx), (y, cy)))
     z = surface.z[np.ix_(rows, columns)]
-    within = within_region({"shape": "circle", "diameter": 2.0 * r}, x[columns], y[rows], centre)
+    circle = {"shape": "circle", "diameter": 2.0 * r}
+    within = within_region(circle, x[columns], y[rows], (cx, cy))
     z = np.where(within, z, np.nan)
     lost = int(np.count_nonzero(within & np.isnan(z)))
     if lost == np.count_nonzero(within):
@@ -298,11 +306,11 @@ def read_line(
     surface: Surface, a: Sequence[float], b: Sequence[float], method: str
 ) -> tuple[FloatArray, FloatArray, float, float]:
     """Return distances, heights, length, and the share of heights that were read bilinearly."""
-    (ax, ay), (bx, by) = _place(surface, a, "a"), _place(surface, b, "b")
-    (x0, y0), (dx, dy) = _grid(surface)
+    (ax, ay), (bx, by) = position(a, "a"), position(b, "b")
+    (x0, y0), (dx, dy) = grid_of(surface)
     length = math.hypot(bx - ax, by - ay)
     if not 0.0 < length < _MOST_SAMPLES * min(dx, dy):
-        places = [", ".join(map(format_length, p)) for p in ((ax, ay), (bx, by))]
+        places = [", ".join(_said(surface, v) for v in p) for p in ((ax, ay), (bx, by))]
         raise DataError(
             f"the section runs from ({places[0]}) to ({places[1]}): its ends must differ, by less than "
             f"{_MOST_SAMPLES} pixels; check their unit"
@@ -317,25 +325,61 @@ def read_line(
     return part * length, z, length, share
 
 
-def _place(surface: Surface, point: Sequence[float | str], name: str) -> tuple[float, float]:
-    """Return a position, in pixels of a map without lateral calibration, where a unit is refused."""
-    given = point if isinstance(point, list | tuple) else ()
-    if not is_calibrated(surface) and any(isinstance(v, str) for v in given):
-        raise _in_pixels(name)
-    return position(point, name)
+def _seen(surface: Surface, **given: Any) -> tuple[Surface, list[Any]]:
+    """Return a map in the unit of what is given, m or its pixels, and that as numbers.
+
+    Numbers without a unit are m, or pixels of a map without lateral calibration.
+    """
+    known = is_calibrated(surface)
+
+    def number(value: Any, name: str) -> float:
+        found = lateral(value, name)
+        if known or isinstance(found, Pixels):
+            return found
+        if isinstance(value, str):
+            raise needs_scale(name, '"120 px"')
+        return Pixels(found)
+
+    found: list[Any] = []
+    for name, value in given.items():
+        if name in _SIZES:
+            found.append(None if value is None else number(value, name))
+        else:
+            place(value, name)  # refuses what is not a pair
+            found.append(
+                tuple(number(v, f"{k} of {name}") for k, v in zip("xy", value, strict=True))
+            )
+    pixels = in_pixels("the section", *found)
+    return of_pixels(surface) if pixels and known else surface, found
 
 
-def _in_pixels(name: str) -> UnitError:
-    return UnitError(
-        f"{name} has a unit, but the map has no lateral steps: give pixels, or the map its steps"
-    )
+_SIZES = ("width", "radius")
 
 
-def _grid(surface: Surface) -> tuple[tuple[float, float], tuple[float, float]]:
+def require_units(surface: Surface, *given: Any) -> None:
+    """Refuse bare numbers, which are m, on a map whose pixels have no known size."""
+    flat = [v for one in given for v in (one if isinstance(one, list | tuple) else [one])]
+    if not is_calibrated(surface) and any(v is not None and not isinstance(v, str) for v in flat):
+        raise needs_scale("the section", '("120 px", "30 px")')
+
+
+def of_pixels(surface: Surface) -> Surface:
+    """Return a map whose places count its pixels, heights and history kept."""
+    if not is_calibrated(surface):
+        return surface
+    return type(surface)(surface.z, metadata=surface.metadata, history=surface.history)
+
+
+def _said(surface: Surface, value: float) -> str:
+    """Return a place or size with its unit."""
+    return format_length(value if is_calibrated(surface) else Pixels(value))
+
+
+def grid_of(surface: Surface) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return origin and steps, of a map without lateral calibration in its pixels."""
-    if surface.dx is None or surface.dy is None:
+    if not is_calibrated(surface):
         return (0.0, 0.0), (1.0, 1.0)
-    return surface.origin, (surface.dx, surface.dy)
+    return surface.origin, (surface.dx or 1.0, surface.dy or 1.0)
 
 
 def heights_at(
@@ -355,15 +399,6 @@ def is_calibrated(surface: Surface) -> bool:
     if not hasattr(surface, "dy"):  # what a profile has not
         raise DataError(f"a section is cut through a Surface, got {type(surface).__name__}")
     return surface.dx is not None and surface.dy is not None
-
-
-def require_steps(surface: Surface) -> None:
-    """Refuse a map without both lateral steps: a profile is in m, and its pixels are not m."""
-    if not is_calibrated(surface):
-        raise DataError(
-            "a section of a map without lateral steps has no lengths; read the file with "
-            "lateral_step=..."
-        ).hinting(lateral_step=Example("3 um"))
 
 
 def _bilinear(z: FloatArray, row: FloatArray, column: FloatArray) -> FloatArray:

@@ -232,7 +232,7 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         Parameters
         ----------
         a, b : tuple of two float (m) or str with unit
-            x and y of its ends.
+            x and y of its ends; or pixels, ``("10 px", "25 px")``, from 0 at the first one.
         width : float (m) or str with unit, optional
             Of the band: the mean of n = 2 floor(width / 2s) + 1 parallel lines, s the smaller step.
             A line with a gap leaves its mirror image out too; half of them or more must remain.
@@ -243,13 +243,14 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         Returns
         -------
         Profile
-            Over the distance from a; its history says which share had gaps beside it.
+            Over the distance from a; its history says which share had gaps beside it. On a map without
+            lateral steps x counts pixels, as the history says.
 
         Raises
         ------
         DataError
-            If the map has no lateral steps, or the ends are the same or more than 10 million samples
-            apart.
+            If the ends are the same or more than 10 million samples apart, or the map has no lateral steps
+            and they are not in px.
 
         Examples
         --------
@@ -257,9 +258,9 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         >>> plane.section((0.0, 0.0), (0.6, 0.8)).z.round(12).tolist()
         [0.0, 2.2]
         """
-        from metrosep.core.sections import require_steps, section_profile
+        from metrosep.core.sections import require_units, section_profile
 
-        require_steps(self)
+        require_units(self, a, b, width)
         return section_profile(self, a, b, width=width, method=method)
 
     def circle_section(
@@ -270,20 +271,21 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         Parameters
         ----------
         centre : tuple of two float (m) or str with unit
-            x and y.
+            x and y; or pixels, ``("10 px", "25 px")``.
         radius : float (m) or str with unit
-            Of the circle.
+            Of the circle; of one in pixels, too.
 
         Returns
         -------
         Profile
-            Over the length of the arc; ceil(2 pi r / min(dx, dy)) samples at equal angles.
+            Over the length of the arc; ceil(2 pi r / min(dx, dy)) samples at equal angles. On a map
+            without lateral steps x counts pixels, as the history says.
 
         Raises
         ------
         DataError
-            If the map has no lateral steps, the radius is not positive, or the circle has more than
-            10 million samples.
+            If the radius is not positive, the circle has more than 10 million samples, or the map has no
+            lateral steps and it is not in px.
 
         Examples
         --------
@@ -291,9 +293,9 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         >>> len(plane.circle_section((1.0, 1.0), 1.0))
         7
         """
-        from metrosep.core.sections import circle_section, require_steps
+        from metrosep.core.sections import circle_section, require_units
 
-        require_steps(self)
+        require_units(self, centre, radius)
         return circle_section(self, centre, radius)
 
     def explore(self, **options: Any) -> Any:

@@ -15,13 +15,16 @@ from metrosep.core.errors import UnitError
 
 __all__ = [
     "FOREIGN_SPELLINGS",
+    "PIXEL",
     "SURROUNDINGS",
+    "Pixels",
     "Unit",
     "column_unit",
     "format_ends",
     "format_engineering",
     "format_length",
     "likely_meaning",
+    "parse_lateral",
     "parse_quantity",
     "parse_sensitivity",
     "parse_unit",
@@ -380,6 +383,9 @@ def surrounding_header(header: str, dimension: str) -> Unit | None:
     return None
 
 
+PIXEL = "px"
+"""Unit of places and sizes on a map that count its pixels; a file is never in it."""
+
 TYPICAL = {
     "length": "1.2 mm", "angle": "0.1 deg", "time": "2 ms", "frequency": "1 kHz",
     "speed": "4800 mm/min", "acceleration": "2 m/s2", "voltage": "2.5 V", "torque": "1 N m",
@@ -434,6 +440,11 @@ def parse_quantity(value: str | float, *, dimension: str, name: str = "value") -
         raise UnitError(
             f"{name} {value!r} has no unit; write it with one of {_example(dimension)}"
         )
+    if unit_text == PIXEL:
+        raise UnitError(
+            f"{name} {value!r} counts pixels of a map, as only what is drawn on it may; write it like "
+            f"{TYPICAL[dimension]!r}"
+        )
     try:
         unit = parse_unit(unit_text, dimension=dimension)
     except UnitError as error:
@@ -442,6 +453,38 @@ def parse_quantity(value: str | float, *, dimension: str, name: str = "value") -
     if not math.isfinite(number):
         raise UnitError(f"{name} {value!r} is not finite")
     return number
+
+
+_PIXELS = re.compile(rf"\s*({_NUMBER})\s*(?:px|pixels?)\s*")
+
+
+class Pixels(float):
+    """A place or size on a map in its pixels, 0 being the centre of the first one; elsewhere it is a float.
+
+    Examples
+    --------
+    >>> parse_lateral("120 px"), parse_lateral("120 um")
+    (120 px, 0.00012)
+    """
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        """Return it as it is typed."""
+        return f"{float(self):.12g} {PIXEL}"
+
+    __str__ = __repr__
+
+
+def parse_lateral(value: str | float, *, name: str = "value") -> float:
+    """Return a place or size on a map: a length in SI, or `Pixels` of a text such as ``"120 px"``."""
+    match = _PIXELS.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        return parse_quantity(value, dimension="length", name=name)
+    found = Pixels(match[1])
+    if not math.isfinite(found):
+        raise UnitError(f"{name} {value!r} is not finite")
+    return found
 
 
 def unit_dimension(text: str) -> str | None:
@@ -522,15 +565,17 @@ _LENGTH_STEPS = ((1e-9, "pm", 1e-12), (1e-6, "nm", 1e-9), (1e-3, "um", 1e-6), (1
 
 
 def format_length(value: float | None, *, digits: int = 4) -> str:
-    """Return a length in m as text with a readable unit.
+    """Return a length in m, or pixels, as text with a readable unit.
 
     Examples
     --------
-    >>> format_length(1.25e-6)
-    '1.25 um'
+    >>> format_length(1.25e-6), format_length(Pixels(120))
+    ('1.25 um', '120 px')
     """
     if value is None or math.isnan(value):
         return "not known"
+    if isinstance(value, Pixels):
+        return f"{_plain_digits(value, digits)} {PIXEL}"
     size = abs(value)
     if size == 0.0:
         return "0 m"
@@ -550,6 +595,8 @@ def format_ends(low: float, high: float, *, digits: int = 4, between: str = " ..
     >>> format_ends(0.0, 50e-3), format_ends(-80e-9, 1.2e-6, between=" to ")
     ('0 ... 50 mm', '-0.08 to 1.2 um')
     """
+    if isinstance(low, Pixels):
+        return f"{_plain_digits(low, digits)}{between}{format_length(high, digits=digits)}"
     small, size = sorted((abs(low), abs(high)))
     factor, name = next(
         ((f, n) for limit, n, f in _LENGTH_STEPS if 0.0 < size < limit), (1.0, "m")
@@ -568,6 +615,8 @@ def format_engineering(value: float, unit: str, *, digits: int = 4) -> str:
     >>> format_engineering(0.5, "V"), format_engineering(-1.6e-4, "rad")
     ('0.5 V', '-160 urad')
     """
+    if math.isnan(value):
+        return "not known"
     if unit == "m":
         return format_length(value, digits=digits)
     if unit == "rad" and 0.0 < abs(value) < 1e-3:

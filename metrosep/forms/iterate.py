@@ -641,8 +641,8 @@ def _descend(
     advice = "give a start closer to the answer, or free fewer parameters"
     if float(np.linalg.eigvalsh(scaled_gram(normal, job.names)[0])[0]) < _NEARLY_TIED:
         advice = (
-            f"the points hardly tell {' from '.join(tied(normal, job.names))}: hold one at a value, or "
-            "do not free it"
+            f"these points cannot distinguish {' and '.join(tied(normal, job.names))} well: hold one of them at a "
+            "value, or do not free it"
         )
     raise NotConvergedError(
         f"the fit of {', '.join(job.names)} did not settle in {max_iterations} steps (RMS "

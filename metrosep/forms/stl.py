@@ -204,7 +204,7 @@ def _checked(corners: FloatArray) -> FloatArray:
             f"a mesh has the shape (n, 3, 3): triangle, corner, coordinate; got {corners.shape}"
         )
     if corners.shape[0] == 0:
-        raise TooFewSamplesError("the mesh has no triangle")
+        raise TooFewSamplesError("the mesh has no triangle; export the part again, as a mesh")
     bad = np.flatnonzero(~np.isfinite(corners).all(axis=(1, 2)))
     if bad.size:
         raise InvalidSamplesError(

@@ -26,6 +26,7 @@ from metrosep.core.errors import DataError, FormatMismatchError, MetrosepError, 
 from metrosep.core.numbers import choice, is_real, quantity
 from metrosep.io._roles import pick, to_si
 from metrosep.io.source import RawFile, open_file
+from metrosep.io.text.encoding import decode
 from metrosep.io.text.table import Table, read_table
 from metrosep.machine import Chain, ReadingSet
 from metrosep.machine.instruments import (
@@ -163,7 +164,7 @@ def _kind(named: Any) -> str:
 def _setup(file: RawFile) -> dict[str, Any]:
     """Return the keys in the comment lines above the columns."""
     lines = []
-    for line in file.data.decode("utf-8-sig", "replace").splitlines():
+    for line in decode(file.data, file.path)[0].splitlines():
         if not line.startswith("#"):
             break
         lines.append(line.lstrip("#").strip())

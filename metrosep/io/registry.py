@@ -70,6 +70,7 @@ _INSTEAD = {
     rb"(?:\xef\xbb\xbf)?\s*\{\s*\"characteristics\"\s*:": "is a result that metrosep wrote, not a measurement: "
     "'metrosep report' makes its reports again and 'metrosep table' a file for a controller; to look at what was "
     "measured, name that file",
+    rb"(?:\xef\xbb\xbf)?\s*(?:%[^\n]*\s+)?(?:[O:]\d+[^\n]*\s+)?(?:\([^\n]*\)\s*|;[^\n]*\s+)*(?:N\d+\s*)?G\d{1,3}(?=\s|\.\d|[XYZACUWF][-+.\d])": "is a program of G-code, not a measurement; 'metrosep path' corrects it by the map of an error",
     rb"(?:\xef\xbb\xbf)?\s*[\[{]\s*(?:[\[{]\s*)*[\"'\d\-\]}]": "holds data in braces or brackets (JSON or source text), not "
     "lines of a table; write them as CSV, one row a line",
     rb"(?:\xef\xbb\xbf)?\s*<\?xml": "is XML of a kind that no reader knows; export the table as CSV",

@@ -1,7 +1,7 @@
 """Error terms as files: a table of the terms of one axis, and a list of constants.
 
 x_mm,EXX_um,EBX_urad        one column: the axis and its unit; the others: terms of that axis
-0,0.00,1.2                  or x_mm;EXX_um and 0;0,00 (semicolon or tab, decimal comma or point)
+0,0.00,1.2
 
 C0Y = "12 urad"             TOML: a value with its unit for each constant
 u_C0Y = "0.5 urad"          its standard uncertainty, and u_EXX_um beside EXX_um in a table
@@ -11,21 +11,22 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Collection, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.atomic import read_plain
-from metrosep.core.errors import DataError, ReadError
-from metrosep.core.units import parse_quantity
+from metrosep.core.errors import DataError
+from metrosep.core.units import column_unit
+from metrosep.io._roles import pick, to_si
+from metrosep.io.source import open_file
+from metrosep.io.text.table import read_table
 from metrosep.machine.elements import axis_of
 from metrosep.machine.terms import ConstantTerm, ErrorTerm, TableTerm, closes, is_angle
 
 __all__ = ["read_term_table", "table_texts", "term_texts"]
 
-_MOST_BYTES = 2**26
 _ROUNDING = 1e-9
 """Of a turn, by which a table over 360 deg may miss it."""
 
@@ -40,12 +41,13 @@ _U = "u_"
 def read_term_table(
     file: str | os.PathLike[str], kinds: Mapping[str, str]
 ) -> dict[str, tuple[TableTerm, tuple[float, float]]]:
-    """Return the terms of one axis from a CSV file, whose columns state names and units.
+    """Return the terms of one axis from a text file, whose columns state names and units.
 
     Parameters
     ----------
     file : str or path
-        Such as ``x_mm,EXX_um,EBX_urad``; ``u_EXX_um`` is the standard uncertainty of EXX.
+        Such as ``x_mm,EXX_um,EBX_urad``; ``u_EXX_um`` is the standard uncertainty of EXX. Separator,
+        decimal mark and encoding are found; the places rise or fall.
     kinds : mapping of str to {"length", "angle"}
         What the positions of each axis of the machine are.
 
@@ -64,74 +66,58 @@ def read_term_table(
     UnitError
         A column has no unit of its dimension.
     """
-    try:
-        text = read_plain(Path(file), _MOST_BYTES).decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as exc:
-        raise ReadError(
-            f"{file}: cannot be read ({exc}); a CSV file of errors is needed"
-        ) from None
-    content = [
-        (i, line)
-        for i, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    if len(content) < 3:
+    held = open_file(file)
+    table = read_table(held)
+    if len(table) < 2:
         raise DataError(
-            f"{file}: is not a table of errors: a line of names and two rows are needed"
+            f"{file}: holds no table of errors: a line of names and two rows are needed"
         )
-    mark = next((m for m in ";\t" if m in content[0][1]), ",")
-    lines = [(i, [c.strip() for c in line.split(mark)]) for i, line in content]
     axes = {a.lower(): a for a in kinds}
-    heads = lines[0][1]
-    at = [k for k, c in enumerate(heads) if c.rpartition("_")[0].lower() in axes]
+    columns: dict[str, FloatArray] = {}
+    axis = ""
+    names = [column_unit(re.sub(r" \(\d+\)$", "", c.name))[0] for c in table.columns]
+    at = [k for k, name in enumerate(names) if name.lower() in axes]
     if len(at) != 1:
         raise DataError(
-            f"{file}: has the columns {', '.join(heads)}; one of them holds the positions of an axis of the "
-            f"machine, with its unit, such as {next(iter(axes))}_mm"
+            f"{file}: has the columns {', '.join(c.name for c in table.columns)}; one of them holds the positions of "
+            f"an axis of the machine, with its unit, such as {next(iter(axes))}_mm"
         )
-    # the positions first, wherever they stand
-    lines = [
-        (i, [*cells[at[0] : at[0] + 1], *cells[: at[0]], *cells[at[0] + 1 :]])
-        for i, cells in lines
-    ]
-    scales: list[float] = []
-    names: list[str] = []
-    for k, column in enumerate(lines[0][1]):
-        name, _, unit = column.rpartition("_")
-        spread = name.startswith(_U) and k > 0
+    first = at[0]
+    for k in (first, *(k for k in range(len(names)) if k != first)):
+        column, name = table.columns[k], names[k]
+        spread = name.startswith(_U) and k != first
         name = name.removeprefix(_U) if spread else name
-        own = axes[name.lower()] if k == 0 else name
-        if k and axis_of(own) != names[0]:
+        own = axes[name.lower()] if k == first else name
+        if k != first and axis_of(own) != axis:
             raise DataError(
-                f"{file}: {column!r} is not an error of {names[0]}, whose positions the file has"
+                f"{file}: {column.name!r} is not an error of {axis}, whose positions the file has"
             )
-        if (_U + own if spread else own) in names:
-            raise DataError(f"{file}: {column} is there twice; leave one of its columns")
-        angle = kinds[own] == "angle" if k == 0 else is_angle(own)
-        dimension = "angle" if angle else "length"
-        scales.append(parse_quantity(f"1 {unit}", dimension=dimension, name=f"{file}: {column}"))
-        names.append(_U + own if spread else own)
-    if alone := [n for n in names if n.startswith(_U) and n.removeprefix(_U) not in names]:
+        axis = own if k == first else axis
+        key = _U + own if spread else own
+        if key in columns:
+            raise DataError(f"{file}: {column.name} is there twice; leave one of its columns")
+        angle = kinds[own] == "angle" if k == first else is_angle(own)
+        found, unit = pick(held, table, column.name, role="position" if k == first else "error")
+        values = to_si(held, found, unit, dimension="angle" if angle else "length", role=own)
+        if not np.isfinite(values).all():
+            line = table.lines[np.flatnonzero(~np.isfinite(values))[0]]
+            raise DataError(
+                f"{file}: line {line}, {column.name} was not measured; take that line out, or complete it"
+            )
+        columns[key] = values
+    if alone := [n for n in columns if n.startswith(_U) and n.removeprefix(_U) not in columns]:
         raise DataError(f"{file}: {alone[0]} is the uncertainty of a term that is not there")
-    rows = []
-    for number, cells in lines[1:]:
-        try:
-            row = [float(c if mark == "," else c.replace(",", ".")) for c in cells]
-        except ValueError:
-            row = []
-        if len(row) != len(names):
-            raise DataError(f"{file}: line {number} has not {len(names)} numbers")
-        if not np.isfinite(row).all():
-            raise DataError(
-                f"{file}: line {number} holds a value that is not a number (NaN) or infinite; leave out the line "
-                "of a place that was not measured"
-            )
-        rows.append(row)
-    columns = {n: [row[k] * scales[k] for row in rows] for k, n in enumerate(names)}
-    place = columns.pop(names[0])
-    span = (place[0], place[-1])
+    place = columns.pop(axis)
+    way = -1 if place[-1] < place[0] else 1
+    if (back := np.flatnonzero(way * np.diff(place) <= 0.0)).size:
+        raise DataError(
+            f"{file}: line {table.lines[back[0] + 1]}: the positions neither rise nor fall all the way; each "
+            "place has one line"
+        )
+    place, columns = place[::way], {n: c[::way] for n, c in columns.items()}
+    span = (float(place[0]), float(place[-1]))
     turn = 2.0 * math.pi
-    whole = kinds[names[0]] == "angle" and abs(span[1] - span[0] - turn) <= _ROUNDING * turn
+    whole = kinds[axis] == "angle" and abs(span[1] - span[0] - turn) <= _ROUNDING * turn
     found = {}
     for n, c in columns.items():
         if not n.startswith(_U):

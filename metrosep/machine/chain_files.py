@@ -21,6 +21,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -28,7 +29,7 @@ from os import PathLike
 from typing import Any
 
 from metrosep.core import numbers
-from metrosep.core.atomic import MACHINE_BYTES, read_plain
+from metrosep.core.atomic import MACHINE_BYTES, read_plain_text
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.machine.elements import DIRECTIONS, Element
 
@@ -50,9 +51,13 @@ _UNIT_KEYS = (
 def toml_table(path: str | PathLike[str]) -> dict[str, Any]:
     """Return the content of a TOML file."""
     try:
-        return tomllib.loads(read_plain(path, MACHINE_BYTES).decode("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as exc:
-        raise DataError(f"{path} is not TOML file: {exc}") from None
+        return tomllib.loads(read_plain_text(path, MACHINE_BYTES).removeprefix("\ufeff"))
+    except OSError as exc:
+        if exc.errno != errno.EILSEQ:
+            raise
+        raise DataError(f"{path}: {exc.strerror}") from None
+    except tomllib.TOMLDecodeError as exc:
+        raise DataError(f"{path} is not a TOML file: {exc}") from None
     except RecursionError:
         raise DataError(
             f"{path} is not a description of a chain: it is nested too deeply"

@@ -287,7 +287,9 @@ _NAMES = ("c", "cx", "cy", "scale", "Q", "b1", "b2", "T")
 def _readings(values: ArrayLike, sense: str, a: FloatArray) -> FloatArray:
     r = positions_array(values, f"readings {sense}")
     if r.shape != a.shape:
-        raise InvalidSamplesError(f"readings {sense} have shape {r.shape} for {a.size} angles")
+        raise InvalidSamplesError(
+            f"readings {sense} have shape {r.shape} for {a.size} angles; give one for each angle, NaN for a gap"
+        )
     if np.any(np.isinf(r)):
         raise InvalidSamplesError(f"readings {sense} hold infinite values; write NaN for a gap")
     valid = np.isfinite(r) & (_from_reversal(a) > _MASK)

@@ -246,7 +246,9 @@ class Element:
         else:
             acts, reason = any(line), "its displacement is zero"
         if not acts:
-            raise DataError(f"location error {name!r} of {self.name!r} does nothing: {reason}")
+            raise DataError(
+                f"location error {name!r} of {self.name!r} does nothing: {reason}; leave it out"
+            )
 
 
 def place_of(element: Element, at: float) -> str:

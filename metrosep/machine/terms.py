@@ -596,7 +596,7 @@ def error_of(value: Any, direction: str) -> Any:
     if way not in there:
         raise DataError(
             f"direction = {direction!r}, but {type(value).__name__} comes from "
-            f"{'backward' if way > 0 else 'forward'} runs only"
+            f"{'backward' if way > 0 else 'forward'} runs only; leave direction out, or measure the other one too"
         )
     lost = _lost_motion(value) if way < 0 else None
     offset, u_offset = (0.0, 0.0) if lost is None else lost

@@ -211,7 +211,10 @@ def areal_parameters(
         n_total=surface.z.size,
         history=surface.history,
         settings=settings,
-        notes=(*_notes(surface), *_filled_notes(work, given)),
+        notes=(
+            *_notes(surface),
+            *_filled_notes(work, {q.symbol.partition("(")[0] for q in quantities}),
+        ),
     )
     return ArealParameterTable(quantities, context, unavailable=unavailable)
 
@@ -300,7 +303,16 @@ class _Work:
 
     @cached_property
     def ground(self) -> Ground:
-        return ground_of(self.centred)
+        ground = ground_of(self.centred)
+        inside = ground.filled > -np.inf
+        for _ in range(2):  # three in a row, along both axes
+            inside = (inside[2:] & inside[1:-1] & inside[:-2]).T
+        if not inside.any():
+            raise DataError(
+                "each pixel lies at the border of the map or of a hole, where a peak may be the flank "
+                "of a hill outside; map a larger area, with three rows and columns at least"
+            )
+        return ground
 
     @cached_property
     def peaks(self) -> Peaks:
@@ -339,7 +351,7 @@ def _given(value: float | None, reason: str) -> float:
 def _filled_notes(work: _Work, given: set[str]) -> list[str]:
     """Return how many pixels were filled for the segmentation, and which numbers feel it."""
     missing = work.surface.z.size - work.heights.n_valid
-    if not given & _FEATURES or not missing or work.heights.Sz == 0.0:
+    if not given & _FEATURES or not missing:
         return []
     notes = []
     found = work.peaks if given & _OF_PEAKS else work.pits

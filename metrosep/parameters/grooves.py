@@ -18,14 +18,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from metrosep.core._arrays import BoolArray, FloatArray, position
+from metrosep.core._arrays import BoolArray, FloatArray, lateral, place
 from metrosep.core.errors import DataError, OptionError, TooFewSamplesError
-from metrosep.core.numbers import choice, positive, real
+from metrosep.core.numbers import choice, positive, real, without_rounding
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
-from metrosep.core.regions import check_region, within_region
-from metrosep.core.surface import Surface, lateral_steps
-from metrosep.core.units import format_length
+from metrosep.core.regions import check_region, in_pixels, needs_scale, within_region
+from metrosep.core.surface import Surface
+from metrosep.core.units import Pixels, format_length
 from metrosep.forms._correlated import estimated
 from metrosep.forms.points import Points, points_of
 from metrosep.spectral.dft import instance_of
@@ -148,9 +148,9 @@ def step_height(
     obj : Profile or Surface
         Not filtered; NaN is omitted. Of a map the groove runs along the other axis.
     width : float (m) or str with unit, optional
-        W, of the groove; needed without `upper` and `lower`.
+        W, of the groove; needed without `upper` and `lower`. Of a map also in its pixels, "40 px".
     middle : float (m) or str with unit, optional
-        Position of its middle.
+        Position of its middle; in pixels where `width` is.
     kind : {"A1", "A2"}, optional
         Flat or round bottom.
     axis : {"x", "y"}, optional
@@ -159,8 +159,8 @@ def step_height(
         Faces that are straight, or bowed.
     upper, lower : mapping or array_like of bool, shape of the map, optional
         Regions whose difference is wanted, upper minus lower: as an aperture,
-        ``{"shape": "rectangle", "width": "2 mm", "height": "1 mm", "centre": ("5 mm", "3 mm")}``, or the
-        pixels themselves.
+        ``{"shape": "rectangle", "width": "2 mm", "height": "1 mm", "centre": ("5 mm", "3 mm")}``, in
+        lengths or in px, or the pixels themselves.
 
     Returns
     -------
@@ -170,8 +170,8 @@ def step_height(
     Raises
     ------
     DataError
-        If an option is unknown, `width` is not positive, a region is wrong or both overlap, or a map has
-        no lateral step.
+        If an option is unknown, `width` is not positive, a region is wrong or both overlap, or a map without
+        lateral step is given lengths.
     OptionError
         If neither `width` nor both regions are given, or both are.
     TooFewSamplesError
@@ -209,14 +209,27 @@ def step_height(
         raise OptionError(
             "a step height needs the width of a groove, or two regions: upper and lower"
         )
-    if isinstance(obj, Surface):
-        lateral_steps(obj)
     if width is None:
         if not isinstance(obj, Surface):
             raise DataError("upper and lower are regions of a map; of a profile give width")
         return _between_regions(obj, upper, lower, degree)
-    W = positive(width, "width", dimension="length")
-    return _groove(obj, W, real(middle, "middle", dimension="length"), kind, axis, degree)
+    W = lateral(width, "width")
+    at = Pixels(0.0) if isinstance(W, Pixels) and middle == 0.0 else lateral(middle, "middle")
+    positive(W, "width")
+    if isinstance(obj, Surface):
+        obj = _seen(obj, "the groove", 'width = "120 px", middle = "300 px"', W, at)
+    elif in_pixels("the groove", W, at):
+        raise DataError('px are pixels of a map, and this is a profile: give a length, "100 um"')
+    return _groove(obj, W, at, kind, axis, degree)
+
+
+def _seen(surface: Surface, what: str, example: str, *given: Any) -> Surface:
+    """Return a map in the unit of what lies on it: with steps of 1, its pixels, where that is px."""
+    if in_pixels(what, *given):
+        return Surface(surface.z, 1.0, 1.0, metadata=surface.metadata, history=surface.history)
+    if surface.dx is None or surface.dy is None:
+        raise needs_scale(what, example)
+    return surface
 
 
 def step_between(
@@ -233,9 +246,9 @@ def step_between(
     Parameters
     ----------
     surface : Surface
-        Not filtered, with both lateral steps; NaN is omitted.
+        Not filtered; NaN is omitted.
     a, b : tuple of 2 floats (m) or str with unit
-        Of a step: one on each of its faces, so that the edge lies in the middle third between them. Of
+        In m or, with `width`, in px. Of a step: one on each of its faces, so that the edge lies in the middle third between them. Of
         a groove or ridge: its edges.
     width : float (m) or str with unit
         Of the band, along the edge.
@@ -252,7 +265,7 @@ def step_between(
     Raises
     ------
     DataError
-        If an option is unknown, a and b are the same point, or the map has no lateral step.
+        If an option is unknown, a and b are the same point, or a map without lateral step is given lengths.
     TooFewSamplesError
         If a range holds fewer than 3 valid pixels.
 
@@ -273,9 +286,11 @@ def step_between(
     instance_of(surface, Surface, "a step height")
     choice(kind, "kind", tuple(_LENGTHS))
     _check_degree(degree)
-    lateral_steps(surface)
-    across = positive(width, "width", dimension="length")
-    (ax, ay), (bx, by) = position(a, "a"), position(b, "b")
+    across = lateral(width, "width")
+    positive(across, "width")
+    (ax, ay), (bx, by) = place(a, "a"), place(b, "b")
+    surface = _seen(surface, "the band", 'width = "40 px"', across, ax, ay, bx, by)
+    said = Pixels if isinstance(across, Pixels) else float
     L = float(np.hypot(bx - ax, by - ay))
     if not L > 0.0:
         raise DataError("a and b are the same point: a step has a face on either side")
@@ -287,10 +302,10 @@ def step_between(
         middle=False,
     )
 
-    def place(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def along(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         return (c * x + s * y) / L, (c * y - s * x) / L
 
-    t, v = place(points.x[None, :], points.y[:, None])
+    t, v = along(points.x[None, :], points.y[:, None])
     band = np.abs(v) <= 0.5 * across / L * (1.0 + _ROUNDING)
     if kind == "step":
         inner = band & (t >= 1.0 / 6.0 - _ROUNDING) & (t <= 0.5 + _ROUNDING)
@@ -309,14 +324,14 @@ def step_between(
         if n < _LEAST:
             raise TooFewSamplesError(
                 f"the {name} holds {n} measured pixels, {_LEAST} are needed: the band of "
-                f"{format_length(_LENGTHS[kind] * L)} by {format_length(across)} must lie on what was "
+                f"{format_length(said(_LENGTHS[kind] * L))} by {format_length(across)} must lie on what was "
                 "measured; move it, or make it wider"
             )
     within = inner | outer
     deep = float(np.ptp(v[within & ~np.isnan(points.z)])) > _ROUNDING
 
     def columns(x: FloatArray, y: FloatArray, bowed: bool) -> FloatArray:
-        t, v = place(x, y)
+        t, v = along(x, y)
         inside = ((t > 0.0) if kind == "step" else (np.abs(t) <= _INNER)).astype(np.float64)
         middle = [inside, inside * t, inside * t * t] if kind == "A2" else [inside]
         more = [*([v] if deep else []), *([t * t] if bowed else [])]
@@ -419,10 +434,11 @@ def _groove(
     ):
         if int((part & valid).sum()) < _LEAST:
             along = (points.x if across else points.y) + points.centre[0 if across else 1]
+            ends = [type(W)(v) for v in (along.min(), along.max())]
             raise TooFewSamplesError(
                 f"the {name} of the groove holds {int((part & valid).sum())} valid samples, {_LEAST} "
-                f"are needed: the data reach from {format_length(float(along.min()))} to "
-                f"{format_length(float(along.max()))}, the middle is at {format_length(centre)} and "
+                f"are needed: the data reach from {format_length(ends[0])} to "
+                f"{format_length(ends[1])}, the middle is at {format_length(centre)} and "
                 f"width is {format_length(W)}; give the middle=... of the groove, or measure 3 widths"
             )
 
@@ -440,6 +456,8 @@ def _groove(
 def _between_regions(surface: Surface, upper: Any, lower: Any, degree: int) -> StepHeight:
     """Return the height of one region over another."""
     inside = {name: _pixels(surface, r, name) for name, r in (("upper", upper), ("lower", lower))}
+    if surface.dx is None or surface.dy is None:  # both count pixels
+        surface = Surface(surface.z, 1.0, 1.0)
     if (inside["upper"] & inside["lower"]).any():
         raise DataError("the regions upper and lower overlap; a pixel belongs to one of them")
     valid = ~np.isnan(surface.z)
@@ -490,24 +508,29 @@ def _pixels(surface: Surface, region: Any, name: str) -> BoolArray:
     known = {**region}
     shape = str(known.pop("shape", "circle"))
 
-    def place(pair: Any, what: str) -> tuple[float, float]:
-        return position(pair.split(",") if isinstance(pair, str) else pair, f"{what} of {name}")
+    def at(pair: Any, what: str) -> tuple[float, float]:
+        return place(pair.split(",") if isinstance(pair, str) else pair, f"{what} of {name}")
 
     made: dict[str, Any] = {}
     for key, value in known.items():
         if key == "points":
-            made[key] = [place(v, "a point") for v in value]
+            made[key] = [at(v, "a point") for v in value]
         elif key == "centre":
-            made[key] = place(value, "the centre")
+            made[key] = at(value, "the centre")
         else:
-            kind = "angle" if key == "angle" else "length"
-            made[key] = real(value, f"{key} of {name}", dimension=kind)
+            of = f"{key} of {name}"
+            is_angle = key == "angle"
+            made[key] = real(value, of, dimension="angle") if is_angle else lateral(value, of)
     check_region(shape, made, is_profile=False)
     if "points" not in made and "centre" not in made:
         raise DataError(f'{name}: a {shape} needs its centre = ["5 mm", "3 mm"]')
-    dx, dy = surface.dx or 0.0, surface.dy or 0.0
-    x = surface.origin[0] + dx * np.arange(surface.shape[1], dtype=np.float64)
-    y = surface.origin[1] + dy * np.arange(surface.shape[0], dtype=np.float64)
+    (x0, y0), (dx, dy) = (0.0, 0.0), (1.0, 1.0)
+    if not in_pixels(name, *(v for k, v in made.items() if k != "angle")):
+        if surface.dx is None or surface.dy is None:
+            raise needs_scale(f"the region {name}", 'diameter = "120 px"')
+        (x0, y0), (dx, dy) = surface.origin, (surface.dx, surface.dy)
+    x = x0 + dx * np.arange(surface.shape[1], dtype=np.float64)
+    y = y0 + dy * np.arange(surface.shape[0], dtype=np.float64)
     return within_region({"shape": shape, **made}, x, y, made.get("centre", (0.0, 0.0)))
 
 
@@ -543,7 +566,10 @@ def _fitted(
         other, _, known = solved(bowed=True)
         bow = height - _height_of(other, kind)[0] if known else 0.0
     u = float(np.sqrt(slopes @ found.cov @ slopes))
-    rms = float(np.sqrt(np.mean(np.square(residual[used]))))
+    size = float(np.abs(points.z[used]).max())
+    rms = without_rounding(float(np.sqrt(np.mean(np.square(residual[used])))), size)
+    if rms == 0.0:  # what the fit leaves are the last bits of the heights, and tells nothing
+        u = 0.0
     n, missing = int(used.sum()), int((within & ~used).sum())
     step = StepHeight(height, u, found.dof, 0.0, n, rms, kind, bow, missing)
     return step, coefficients

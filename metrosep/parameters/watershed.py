@@ -501,8 +501,8 @@ def five_point_height(peaks: Peaks, mean: float) -> float:
     """
     if len(peaks) < _FIVE:
         raise TooFewSamplesError(
-            f"only {len(peaks)} significant peak(s) or pit(s) of the five that are averaged; map "
-            "a larger area, or prune less"
+            f"the mean is that of five significant peaks or pits, and the map has {len(peaks) or 'none'}; "
+            "map a larger area, or prune less"
         )
     return float(np.mean(peaks.heights[:_FIVE] - mean))
 

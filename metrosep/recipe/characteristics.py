@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError
-from metrosep.core.limits import FROM_FIT, limit_problem
+from metrosep.core.limits import FROM_FIT, limit_example, limit_problem
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.decision import Verdict, decide, worst
 from metrosep.recipe.steps import METRICS
@@ -223,11 +223,11 @@ def judged(
 
 def _no_u(metric: str, unit: str) -> str:
     """Return what to write where neither the value nor the check has an uncertainty."""
-    return (
-        f"the uncertainty of {metric} is not known; state it: U = "
-        + ('"10 nm", or U = "0 nm"' if unit == "m" else "0.001, or U = 0")
-        + " for simple acceptance"
-    )
+    example = {"m": "10 nm", "px": "0.1 px"}.get(unit, limit_example(unit))
+    said = "0.001, or U = 0"
+    if example is not None:
+        said = f'"{example}", or U = "0 {example.partition(" ")[2]}"'
+    return f"the uncertainty of {metric} is not known; state it: U = {said} for simple acceptance"
 
 
 def _by_rule(

@@ -50,8 +50,8 @@ def read_look(path: Path, admits: Callable[[Path], bool] | None = None) -> dict[
         held = tomllib.loads(read_plain_text(path, RECIPE_BYTES))
     except tomllib.TOMLDecodeError as exc:
         raise RecipeError(f"{path}: the template is not TOML ({exc})") from None
-    except (OSError, UnicodeDecodeError) as exc:
-        reason = getattr(exc, "strerror", None) or exc
+    except OSError as exc:
+        reason = exc.strerror or exc
         raise RecipeError(f"{path}: the template cannot be read ({reason})") from None
     try:
         look = checked_table(held, options_of(Look), "the template")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,10 +10,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from metrosep.core.errors import DataError, Example, TooFewSamplesError
+from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
+from metrosep.core.regions import in_pixels, needs_scale, not_round
 from metrosep.core.sections import (
     angle_at,
     circle_section,
@@ -21,10 +23,11 @@ from metrosep.core.sections import (
     extremes_in,
     harmonics,
     height_at,
+    is_calibrated,
     section_profile,
 )
 from metrosep.core.surface import Surface
-from metrosep.core.units import format_length
+from metrosep.core.units import PIXEL, Pixels, format_length
 from metrosep.recipe.schema import Place
 
 __all__ = [
@@ -52,12 +55,12 @@ _OWN: Mapping[str, Mapping[str, Option]] = {
         "a": Option("point", required=True, help=f"where it begins: {_POINT}"),
         "b": Option("point", required=True, help="where it ends"),
         "width": Option(
-            "size", help="mean of parallel lines across this band; one line if omitted"
+            "extent", help="mean of parallel lines across this band; one line if omitted"
         ),
     },
     "circle": {
         "centre": Option("point", required=True, help=_POINT),
-        "radius": Option("size", required=True, help="of the circle"),
+        "radius": Option("extent", required=True, help="of the circle"),
         "harmonics": Option(
             "integers", help="orders whose amplitudes are numbers too, such as [1, 2, 3]"
         ),
@@ -79,13 +82,13 @@ _OWN: Mapping[str, Mapping[str, Option]] = {
     "step": {
         "a": Option("point", required=True, help=f"on the first face: {_POINT}"),
         "b": Option("point", required=True, help="on the second face; the edge between them"),
-        "width": Option("size", required=True, help="of the band, along the edge"),
+        "width": Option("extent", required=True, help="of the band, along the edge"),
         "degree": _DEGREE,
     },
     "groove": {
         "a": Option("point", required=True, help=f"at one edge of the groove or ridge: {_POINT}"),
         "b": Option("point", required=True, help="at its other edge"),
-        "width": Option("size", required=True, help="of the band, along the groove"),
+        "width": Option("extent", required=True, help="of the band, along the groove"),
         "bottom": Option(
             "text", choices=("flat", "round"), default="flat", help="types A1 and A2 of ISO 5436-1"
         ),
@@ -93,7 +96,7 @@ _OWN: Mapping[str, Mapping[str, Option]] = {
     },
     "extremes": {
         "centre": Option("point", required=True, help=f"of the circle that is searched: {_POINT}"),
-        "radius": Option("size", required=True, help="of the circle that is searched"),
+        "radius": Option("extent", required=True, help="of the circle that is searched"),
     },
 }
 
@@ -147,6 +150,12 @@ _METRICS: Mapping[str, Mapping[str, tuple[str, str]]] = {
         "valley_y": ("m", "y of the valley"),
     },
 }
+_LATERAL = ("lateral", "diameter", "x", "y", "peak_x", "peak_y", "valley_x", "valley_y")
+"""Numbers in the plane of the map: of a section that is drawn in px, in px."""
+_SPATIAL = ("distance", "slope")
+"""Numbers of height and plane together, which a section in px has not."""
+_SLANTING = ("circle", "circle3", "extremes", "angle")
+"""Kinds that hold for square pixels only; so does a distance that lies askew."""
 _FITS = ("step", "groove")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 
@@ -161,6 +170,7 @@ class MapSection:
     messages: tuple[str, ...] = ()
     profile: Profile | None = None  # heights along a line or a circle
     keys: Mapping[str, Any] = field(default_factory=dict)  # of the recipe, in SI
+    along: str = "m"  # unit of x of the profile: px on a map without scale
     missing: str = ""  # why no check of these numbers can pass or fail
 
     @property
@@ -183,8 +193,18 @@ def section_metrics(section: Mapping[str, Any]) -> dict[str, str]:
     {'section.rim.Pt': 'm', 'section.rim.Pq': 'm', 'section.rim.harmonic_2': 'm'}
     """
     units = {k: unit for k, (unit, _) in _METRICS[section["kind"]].items()}
+    if _counts_pixels(section):
+        units = {
+            k: PIXEL if k in _LATERAL else unit for k, unit in units.items() if k not in _SPATIAL
+        }
     units |= {f"harmonic_{n}": "m" for n in section.get("harmonics", ())}
     return {f"section.{section['name']}.{k}": unit for k, unit in units.items()}
+
+
+def _counts_pixels(section: Mapping[str, Any]) -> bool:
+    """Return whether a section is drawn in px."""
+    drawn = (section.get(k) for k in ("a", "b", "c", "centre", "radius", "width"))
+    return in_pixels(f"section {section['name']}", *drawn)
 
 
 def check_sections(
@@ -214,6 +234,7 @@ def check_sections(
         if len(set(orders)) < len(orders) or any(n < 1 for n in orders):
             raise place.error("harmonics are different whole numbers from 1", "harmonics")
         try:
+            _counts_pixels(section)
             _of_points(section)
         except DataError as exc:
             raise place.error(str(exc), "b") from None
@@ -223,14 +244,38 @@ def check_sections(
 
 def section_of(obj: Any, section: Mapping[str, Any]) -> MapSection:
     """Return the numbers of one section of a map."""
-    name, kind = section["name"], section["kind"]
+    name = section["name"]
     if not isinstance(obj, Surface):
         raise DataError(f'section "{name}" is cut through a map, and this is a profile')
-    if obj.dx is None or obj.dy is None:
-        raise DataError(
-            f'section "{name}" has lengths, and the map has no lateral calibration: read it with '
-            'lateral_step = "3 um" in [input]'
-        ).hinting(lateral_step=Example("3 um"))
+    pixels = _counts_pixels(section)
+    if not pixels and not is_calibrated(obj):
+        key = next(k for k in ("centre", "a") if k in section)
+        raise needs_scale(f'section "{name}"', f'{key} = "120 px, 30 px"')
+    found = _section_of(obj, section)
+    return (
+        replace(found, messages=(*found.messages, *_pixel_notes(obj, section)))
+        if pixels
+        else found
+    )
+
+
+def _pixel_notes(obj: Surface, section: Mapping[str, Any]) -> list[str]:
+    """Return what a reader of a section in px has to know of the pixels."""
+    kind, name = section["kind"], section["name"]
+    sides = [abs(p - q) for p, q in zip(section.get("a", ()), section.get("b", ()), strict=False)]
+    askew = kind in _SLANTING or (kind == "distance" and all(sides))
+    said = [not_round(obj, f"section {name}")] if askew else []
+    if kind == "distance" and obj.dx is not None and obj.dy is not None:
+        length = math.hypot(sides[0] * obj.dx, sides[1] * obj.dy)
+        said.append(
+            f"section {name}: {format_length(Pixels(math.hypot(*sides)))} are {format_length(length)} on this map"
+        )
+    return [m for m in said if m]
+
+
+def _section_of(obj: Surface, section: Mapping[str, Any]) -> MapSection:
+    """Return the numbers of a section that lies in the map."""
+    name, kind = section["name"], section["kind"]
     values, profile = _of_points(section), None
     messages: tuple[str, ...] = ()
     missing = ""
@@ -248,7 +293,14 @@ def section_of(obj: Any, section: Mapping[str, Any]) -> MapSection:
     if missing and profile is None:
         messages = (missing,)
     return MapSection(
-        name, kind, _quantities(section, values), messages, profile, section, missing
+        name,
+        kind,
+        _quantities(section, values),
+        messages,
+        profile,
+        section,
+        along="m" if is_calibrated(obj) else PIXEL,
+        missing=missing,
     )
 
 
@@ -258,6 +310,8 @@ def _quantities(section: Mapping[str, Any], values: Mapping[str, float]) -> dict
     found = {}
     for key, value in values.items():
         metric = f"section.{section['name']}.{key}"
+        if metric not in units:  # of a section in px
+            continue
         what = words[key][1] if key in words else f"amplitude of harmonic {key.split('_')[1]}"
         found[metric] = Quantity(
             value, units[metric], f"{what}, section {section['name']}", symbol=metric
@@ -374,8 +428,11 @@ def heights_along(obj: Surface, section: Mapping[str, Any]) -> Profile | None:
         return None
     a, b = section["a"], section["b"]
     if section["kind"] == "groove":
-        dx, dy = b[0] - a[0], b[1] - a[1]
-        a, b = (a[0] - dx, a[1] - dy), (b[0] + dx, b[1] + dy)
+        number = Pixels if _counts_pixels(section) else float
+        a, b = (
+            tuple(number(2.0 * p - q) for p, q in zip(one, other, strict=True))
+            for one, other in ((a, b), (b, a))
+        )
     return section_profile(obj, a, b, width=section.get("width"))
 
 

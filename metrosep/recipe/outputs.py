@@ -19,6 +19,7 @@ from metrosep.compensation import CompensationTable, PolynomialFit, Verification
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.measured import Folds
 from metrosep.compensation.sampling import USUAL_ENTRIES, rounded_spacing
+from metrosep.controllers.options import checked_options
 from metrosep.controllers.registry import find
 from metrosep.core.errors import CorruptFileError, DataError, MetrosepError, TableError, WriteError
 from metrosep.core.methods import METHODS
@@ -62,6 +63,9 @@ __all__ = [
 ]
 
 Progress = Callable[[str], None]
+
+_BOTH = "bidirectional"
+"""The option of controls that hold a list for each direction if they are told to."""
 
 _MOST_ENTRIES = 100_000
 """Far beyond what any controller takes, and still made in no time."""
@@ -135,8 +139,17 @@ def pitch_table(runs: RunSet, output: Mapping[str, Any]) -> CompensationTable:
         positions=output.get("spacing"),
         axis=axis,
         compensates=target,
-        direction="both" if direction == "auto" and info.directions == "one" else direction,
+        direction="both" if direction == "auto" and not _holds_both(output) else direction,
     )
+
+
+def _holds_both(output: Mapping[str, Any]) -> bool:
+    """Return whether the file of an output holds a column for each direction."""
+    dialect = find(output["controller"])
+    asked = {k: v for k, v in output.get("machine", {}).items() if k == _BOTH}
+    if any(o.name == _BOTH for o in dialect.options):
+        return bool(checked_options(asked, dialect.options, "", partial=True).get(_BOTH))
+    return dialect.info.directions != "one"
 
 
 def make_carried(

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 
 from metrosep.core.errors import InvalidSamplesError, MetrosepError
+from metrosep.core.numbers import without_rounding
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.core.regions import crosses_itself
+from metrosep.core.regions import crosses_itself, not_round
 from metrosep.core.surface import Surface
-from metrosep.core.units import format_length
+from metrosep.core.units import PIXEL, Pixels, format_length
 from metrosep.recipe import pipeline_checks as keys
 from metrosep.recipe.pipeline_checks import (
     AREAL_EDITIONS,
@@ -390,6 +391,8 @@ def _mask(obj: Measured, options: Mapping[str, Any]) -> Done:
     messages = [
         f"mask, {where}: {audit['taken_out']} measured heights removed, {audit['left']} left"
     ]
+    if audit.get("pixels"):
+        messages.append(f"mask: {audit['pixels']}")
     points = options["aperture"].get("points", ())
     if options["aperture"]["shape"] == "polygon" and crosses_itself(points):
         messages.append(
@@ -419,15 +422,18 @@ def _form(obj: Measured, options: Mapping[str, Any], *, with_u: bool = True) -> 
     from metrosep.forms.fit import fit
 
     ideal, rest = form_options(options)
+    if ideal.name == "plane" and isinstance(obj, Surface) and None in (obj.dx, obj.dy):
+        return _plane_over_pixels(obj, rest)
     result = fit(obj, ideal, **rest)
     left = result.residual
     assert isinstance(left, Surface | Profile)  # noqa: S101  # as obj is
     name = result.form.name
     u = result.u if with_u else dict.fromkeys(result.u_white, math.nan)
     dof = result.dof_effective if with_u else math.nan
+    least = _sizes(obj)
     found = {
         k: Quantity(
-            result.params[k],
+            without_rounding(result.params[k], least.get(result.units[k], 0.0)),
             result.units[k],
             f"{k.replace('_', ' ')} of the fitted {name}",
             u=float(v) if np.isfinite(v) else None,
@@ -437,11 +443,7 @@ def _form(obj: Measured, options: Mapping[str, Any], *, with_u: bool = True) -> 
         )
         for k, v in u.items()
     }
-    text = f"of what the {name} leaves, before any further step"
-    found["residual.pv"] = Quantity(
-        result.peak_to_valley, "m", f"P-V {text}", symbol="PV residual"
-    )
-    found["residual.rms"] = Quantity(result.rms, "m", f"RMS {text}", symbol="RMS residual")
+    found |= _left_by(name, result)
     messages = [*result.found_warnings, *result.notes]
     if with_u:
         messages = [*result.warnings, *result.notes, *([result.assumption] if u else [])]
@@ -449,6 +451,51 @@ def _form(obj: Measured, options: Mapping[str, Any], *, with_u: bool = True) -> 
     if lost:
         messages.append(f"{lost} measured heights lie where the {name} has no value")
     return Done(left, found, tuple(messages), result.to_dict() if with_u else {}, result)
+
+
+def _sizes(obj: Measured) -> dict[str, float]:
+    """Return of a height, an inclination and a curvature what the largest height makes of them, by unit."""
+    from metrosep.parameters.table import LEAST
+
+    size = max(abs(float(of.reduce(obj.z, axis=None))) for of in (np.fmin, np.fmax))
+    size = max(size, LEAST)  # a form of zeros has parameters of 1e-120
+    if isinstance(obj, Profile):
+        across = float(np.ptp(obj.x))
+    else:
+        across = math.hypot(
+            *((n - 1) * (d or 0.0) for n, d in zip(obj.shape, (obj.dy, obj.dx), strict=True))
+        )
+    if not across > 0.0:
+        return {"m": size}
+    return {"m": size, "rad": size / across, "1/m": size / across**2}
+
+
+def _left_by(name: str, result: Any) -> dict[str, Quantity]:
+    """Return P-V and RMS of what a form leaves."""
+    text = f"of what the {name} leaves, before any further step"
+    return {
+        "residual.pv": Quantity(result.peak_to_valley, "m", f"P-V {text}", symbol="PV residual"),
+        "residual.rms": Quantity(result.rms, "m", f"RMS {text}", symbol="RMS residual"),
+    }
+
+
+def _plane_over_pixels(obj: Surface, rest: Mapping[str, Any]) -> Done:
+    """Return a map without scale less its plane, which needs none; its inclination would be in m per pixel."""
+    from metrosep.forms.fit import fit
+
+    result = fit(Surface(obj.z, 1.0, 1.0), "plane", **rest)
+    facts = {"form": "plane", "over": PIXEL, "n_points": result.n_points}
+    facts |= {"rms_m": result.rms, "pv_m": result.peak_to_valley}
+    history = (*obj.history, *result.residual.history)
+    left = Surface(result.residual.z, metadata=obj.metadata, history=history)
+    messages = [
+        *result.found_warnings,
+        (
+            "the plane is fitted over pixels, whatever their size is; its inclination is not known, as the file "
+            "does not say how large they are"
+        ),
+    ]
+    return Done(left, _left_by("plane", result), tuple(messages), {**facts, "parameters": {}})
 
 
 def _filter(obj: Measured, options: Mapping[str, Any]) -> Done:
@@ -582,7 +629,7 @@ def _step_height(obj: Measured, options: Mapping[str, Any]) -> Done:
 
     if isinstance(obj, Profile):
         if "axis" in options:
-            raise StepError("axis belongs to maps, and this is a profile", "axis")
+            raise StepError("axis belongs to maps, and this is a profile: leave it out", "axis")
         letter = profile_kind(obj)
         if letter in ("R", "W"):
             raise StepError(
@@ -593,10 +640,12 @@ def _step_height(obj: Measured, options: Mapping[str, Any]) -> Done:
         obj,
         **{k: v for k, v in options.items() if k in keys.STEP_HEIGHT and k != "intermediate"},
     )
+    no_scale = isinstance(obj, Surface) and None in (obj.dx, obj.dy)
+    counted = no_scale or isinstance(options.get("width"), Pixels)
     audit = {
         "type": found.kind,
         "height_m": found.height,
-        "slope": found.slope,
+        "slope_m_per_px" if counted else "slope": found.slope,
         "n_used": found.n_used,
         "rms_m": found.rms,
         "degree": options.get("degree", 1),
@@ -608,8 +657,15 @@ def _step_height(obj: Measured, options: Mapping[str, Any]) -> Done:
         f"{what}: {found.n_used} samples in its ranges, RMS {format_length(found.rms)} about the fit; u from what the fit leaves, its "
         "correlation counted; scale and reference of the instrument are not in it"
     )
+    round_ = [
+        f"step_height: {note}"
+        for key in ("upper", "lower")
+        if isinstance(obj, Surface)
+        and isinstance(options.get(key, {}).get("diameter"), Pixels)
+        and (note := not_round(obj, f"the {options[key]['shape']} {key}"))
+    ]
     values = {"d": found.to_quantity(), "h": found.to_quantity(signed=True)}
-    return Done(obj, values, (text, *found.messages), audit, found)
+    return Done(obj, values, (text, *found.messages, *round_), audit, found)
 
 
 def _form_profile(obj: Measured, options: Mapping[str, Any]) -> Done:

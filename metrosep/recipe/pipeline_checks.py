@@ -7,12 +7,15 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from metrosep.core.errors import DataError, Example
 from metrosep.core.limits import FORM_OF_SYMBOL
+from metrosep.core.numbers import without_rounding
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
 from metrosep.core.readable import did_you_mean, said_value
-from metrosep.core.regions import SHAPES, check_region
+from metrosep.core.regions import SHAPES, check_region, in_pixels
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.recipe.schema import DIMENSIONS
@@ -82,7 +85,7 @@ def normal_values(
             known = ", ".join(str(c) for c in choices)
             raise StepError(f"{name} = {said_value(value)} is not one of {known}", name)
         if name == "centre" and not key.required and key.kind == "any":
-            values[name] = _centre(value)
+            values[name] = _centre(value, "length" if "form" in keys else "lateral")
         elif key.inner:
             if not isinstance(value, Mapping):
                 raise StepError(
@@ -107,7 +110,7 @@ def _normal(value: Any, key: Option, name: str) -> Any:
         raise StepError(f"{name} = {said_value(value)}: {exc}", name) from None
 
 
-def _centre(value: Any) -> Any:
+def _centre(value: Any, kind: str) -> Any:
     if value == "fit":
         return "fit"
     if isinstance(value, str) or not isinstance(value, list | tuple) or not 1 <= len(value) <= 2:
@@ -116,7 +119,7 @@ def _centre(value: Any) -> Any:
             "centre",
         )
     try:
-        return tuple(KINDS["length"].check(v, "value", True) for v in value)
+        return tuple(KINDS[kind].check(v, "value", True) for v in value)
     except DataError as exc:
         raise StepError(f"centre = {list(value)!r}: {exc}", "centre") from None
 
@@ -319,6 +322,10 @@ def _check_step_height(options: Mapping[str, Any]) -> None:
         if len(given) == 1:
             missing = next(k for k in both if k not in given)
             raise StepError(f'needs the key "{missing}" beside {given[0]}', given[0])
+    try:
+        in_pixels("the groove", *(options[k] for k in groove))
+    except DataError as exc:
+        raise StepError(str(exc), groove[0]) from None
     if not groove and not regions:
         raise StepError(
             "a step height needs width and middle of a groove, or upper and lower, two regions of a map"
@@ -477,14 +484,14 @@ def described_keys(keys: Mapping[str, Option]) -> list[dict[str, Any]]:
 
 APERTURE: Mapping[str, Option] = {
     "shape": Option("text", required=True, choices=tuple(SHAPES), help="of the aperture"),
-    "diameter": Option("size", help="outer diameter of a circle or a ring"),
-    "inner_diameter": Option("size", help="hole of a ring"),
-    "width": Option("size", help="of a rectangle along x; the length of a piece of a profile"),
-    "height": Option("size", help="of a rectangle along y"),
+    "diameter": Option("extent", help="outer diameter of a circle or a ring"),
+    "inner_diameter": Option("extent", help="hole of a ring"),
+    "width": Option("extent", help="of a rectangle along x; the length of a piece of a profile"),
+    "height": Option("extent", help="of a rectangle along y"),
     "angle": Option("angle", help="that a rectangle is turned, from x to y", default="0 deg"),
-    "radius": Option("size", help="of a brush: all that lies so near to its line"),
+    "radius": Option("extent", help="of a brush: all that lies so near to its line"),
     "points": Option(
-        "places", help='corners of a polygon, or of the line of a brush: ["1.2 mm, 0.3 mm", ...]'
+        "corners", help='corners of a polygon, or of the line of a brush: ["1.2 mm, 0.3 mm", ...]'
     ),
     "centre": Option(
         "any",
@@ -624,10 +631,10 @@ PSD: Mapping[str, Option] = {
 
 STEP_HEIGHT: Mapping[str, Option] = {
     "width": Option(
-        "size",
+        "extent",
         help="W of the groove or ridge between its edges; the data reach 3/2 W to both sides of its middle",
     ),
-    "middle": Option("length", help="where its middle is, in the coordinates of the data"),
+    "middle": Option("lateral", help="where its middle is, in the coordinates of the data"),
     "kind": Option(
         "text",
         choices=("A1", "A2"),
@@ -763,6 +770,7 @@ def iso_filtered(
 
 def parameter_tables(obj: Surface | Profile, how: Evaluating) -> tuple[ParameterTable, ...]:
     """Return the parameters of an object, a table for each family."""
+    obj = _level(obj)
     tables = []
     for family, names in _families(obj, how.names).items():
         if family in FORM_OF_SYMBOL:
@@ -774,6 +782,19 @@ def parameter_tables(obj: Surface | Profile, how: Evaluating) -> tuple[Parameter
         else:
             tables.append(_profile(obj, family, names, how))
     return tuple(tables)
+
+
+def _level(obj: Surface | Profile) -> Surface | Profile:
+    """Return a map of zeros where all heights are the same within rounding: its texture would be digits."""
+    if not isinstance(obj, Surface):
+        return obj
+    low, high = (float(of.reduce(obj.z, axis=None)) for of in (np.fmin, np.fmax))
+    if without_rounding(high - low, max(abs(low), abs(high))) != 0.0:
+        return obj
+    z = np.where(np.isnan(obj.z), np.nan, 0.0)
+    return Surface(
+        z, obj.dx, obj.dy, origin=obj.origin, metadata=obj.metadata, history=obj.history
+    )
 
 
 def _families(obj: Surface | Profile, names: Sequence[str]) -> dict[str, list[str] | None]:

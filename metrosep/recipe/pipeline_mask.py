@@ -9,12 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, Example, FitError, TooFewSamplesError
+from metrosep.core.errors import DataError, FitError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.core.regions import check_region, measured_middle, region_words, within_region
+from metrosep.core.regions import (
+    check_region,
+    in_pixels,
+    measured_middle,
+    needs_scale,
+    not_round,
+    region_words,
+    within_region,
+)
 from metrosep.core.surface import Surface
-from metrosep.core.units import format_ends
+from metrosep.core.units import PIXEL, Pixels, format_ends
 
 __all__ = [
     "SMOOTH",
@@ -35,9 +43,12 @@ def masked(
     """Return an object without what lies outside (or inside) an aperture."""
     shape = str(aperture.get("shape", "circle"))
     check_region(shape, aperture, is_profile=isinstance(obj, Profile))
-    x, y = _positions(obj)
+    sizes = {k: aperture[k] for k in _LENGTHS if k in aperture}
+    pixels = in_pixels(f"the {shape}", *sizes.values(), aperture.get("points"))
+    key, number = (PIXEL, Pixels) if pixels else ("m", float)
+    x, y = _positions(obj, aperture, pixels=pixels)
     drawn = "points" in aperture
-    centre = None if drawn else _centre(obj, aperture.get("centre", "fit"))
+    centre = None if drawn else _centre(obj, aperture.get("centre", "fit"), pixels=pixels)
     if drawn and isinstance(obj, Profile):
         raise DataError(f"a {shape} is drawn on a map; of a profile take a rectangle with width")
     inside = within_region({"shape": shape, **aperture}, x, y, centre or (0.0, 0.0))
@@ -45,12 +56,12 @@ def masked(
         inside = inside[0]
     out = ~inside if outside else inside
     taken = int(np.count_nonzero(out & ~np.isnan(obj.z)))
-    place: dict[str, Any] = {} if centre is None else {"centre_m": list(centre)}
+    place: dict[str, Any] = {} if centre is None else {f"centre_{key}": [*map(float, centre)]}
     if drawn:
-        place = {"points_m": [list(p) for p in aperture["points"]]}
+        place = {f"points_{key}": [[*map(float, p)] for p in aperture["points"]]}
     facts: dict[str, Any] = {
         "shape": shape,
-        **{f"{k}_m": float(aperture[k]) for k in _LENGTHS if k in aperture},
+        **{f"{k}_{key}": float(v) for k, v in sizes.items()},
         **({"angle_rad": float(aperture["angle"])} if "angle" in aperture else {}),
         **place,
         "outside": outside,
@@ -60,18 +71,29 @@ def masked(
     left = obj.z.size - result.n_invalid
     words = region_words({"shape": shape, **aperture}, centre)
     if left == 0:
+        spans = [
+            format_ends(number(v.min()), number(v.max()), between=" to ")
+            for v in ((x,) if isinstance(obj, Profile) else (x, y))
+        ]
         raise TooFewSamplesError(
-            f"the {words} leaves nothing of what was measured; the data "
-            f"span {_span(x)} in x" + ("" if isinstance(obj, Profile) else f", {_span(y)} in y")
+            f"the {words} leaves nothing of what was measured; the data span {spans[0]} in x"
+            + "".join(f", {span} in y" for span in spans[1:])
         )
-    return result, {"taken_out": taken, "left": left, "region": words, **place}
+    facts = {"taken_out": taken, "left": left, "region": words, **place}
+    if pixels and isinstance(obj, Surface) and (shape in _ROUND or aperture.get("angle")):
+        facts["pixels"] = not_round(obj, f"the {shape}")
+    return result, facts
 
 
 _LENGTHS = ("diameter", "inner_diameter", "width", "height", "radius")
+_ROUND = ("circle", "ring", "brush")
 
 
-def _centre(obj: Measured, asked: Any) -> tuple[float, float]:
-    return middle_of(obj) if isinstance(asked, str) else _given(asked, obj)
+def _centre(obj: Measured, asked: Any, *, pixels: bool) -> tuple[float, float]:
+    if not isinstance(asked, str):
+        return _given(asked, obj)
+    x, y = middle_of(obj, pixels=pixels)
+    return (Pixels(x), Pixels(y)) if pixels else (x, y)
 
 
 def without_points(obj: Measured, out: Flags, step: Step) -> Measured:
@@ -83,37 +105,42 @@ def without_points(obj: Measured, out: Flags, step: Step) -> Measured:
     return Surface(z, obj.dx, obj.dy, origin=obj.origin, metadata=obj.metadata, history=history)
 
 
-def middle_of(obj: Measured) -> tuple[float, float]:
-    """Return the middle of what was measured.
+def middle_of(obj: Measured, *, pixels: bool = False) -> tuple[float, float]:
+    """Return the middle of what was measured, in m or in pixels.
 
     Notes
     -----
     All chords of a disc, a ring or a rectangle have their middle on its axis. The median forgives
     stray points, dropouts and a rim that is cut off on one side over less than half of the rows.
     """
-    x, y = _positions(obj)
+    x, y = _positions(obj, {}, pixels=pixels)
     if obj.n_invalid == obj.z.size:
         raise TooFewSamplesError("no sample was measured (all are NaN): there is no middle")
     return measured_middle(np.atleast_2d(obj.z), x, y)
 
 
-def _positions(obj: Measured) -> tuple[FloatArray, FloatArray]:
+def _positions(
+    obj: Measured, aperture: Mapping[str, Any], *, pixels: bool
+) -> tuple[FloatArray, FloatArray]:
     """Return x of the columns and y of the rows."""
     if isinstance(obj, Profile):
+        if pixels:
+            raise DataError('px are pixels of a map, and this is a profile: give a length, "5 mm"')
         return obj.x, np.zeros(1)
-    if obj.dx is None or obj.dy is None:
-        raise DataError(
-            "the map has no lateral calibration, and an aperture is a length: read it with "
-            'lateral_step = "3 um" in [input]'
-        ).hinting(lateral_step=Example("3 um"))
+    (x0, y0), (dx, dy) = (0.0, 0.0), (1.0, 1.0)
+    if not pixels:
+        if obj.dx is None or obj.dy is None:
+            key = next((k for k in _LENGTHS if k in aperture), "diameter")
+            raise needs_scale(f"{key} of the aperture", f'{key} = "120 px"')
+        (x0, y0), (dx, dy) = obj.origin, (obj.dx, obj.dy)
     rows, columns = obj.shape
-    x: FloatArray = obj.origin[0] + obj.dx * np.arange(columns, dtype=np.float64)
-    y: FloatArray = obj.origin[1] + obj.dy * np.arange(rows, dtype=np.float64)
+    x: FloatArray = x0 + dx * np.arange(columns, dtype=np.float64)
+    y: FloatArray = y0 + dy * np.arange(rows, dtype=np.float64)
     return x, y
 
 
 def _given(centre: Any, obj: Measured) -> tuple[float, float]:
-    values = tuple(float(v) for v in centre)
+    values = tuple(centre)
     if isinstance(obj, Profile):
         if len(values) > 2 or any(v != 0.0 for v in values[1:]):
             raise DataError('the centre on a profile is one position: centre = ["5 mm"]')
@@ -123,10 +150,6 @@ def _given(centre: Any, obj: Measured) -> tuple[float, float]:
             'the centre on a map has x and y: centre = ["5 mm", "5 mm"], or "fit"'
         ).hinting(centre="fit")
     return values[0], values[1]
-
-
-def _span(values: FloatArray) -> str:
-    return format_ends(float(values.min()), float(values.max()), between=" to ")
 
 
 # ---- outliers of a map or profile: heights that stand far from their neighbours ----------------

@@ -197,8 +197,8 @@ class Recipe:
         except FileNotFoundError:
             message = f"{target}: no such recipe; check the name and the folder"
             raise RecipeMissingError(message, str(target)) from None
-        except (OSError, UnicodeDecodeError) as exc:
-            reason = getattr(exc, "strerror", None) or exc
+        except OSError as exc:
+            reason = exc.strerror or exc
             raise RecipeError(f"{target}: the recipe cannot be read ({reason})") from None
         folder = target.resolve().parent
         return cls.parse(text, name=target.name, folder=folder, overrides=overrides, report=report)

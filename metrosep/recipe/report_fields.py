@@ -424,9 +424,9 @@ def _beside(files: Sequence[Path]) -> dict[str, Any]:
                     tomllib.loads(read_plain_text(place, RECIPE_BYTES)), place.name
                 )
             except tomllib.TOMLDecodeError as exc:
-                raise RecipeError(f"{place}: not TOML ({exc})") from None
-            except (OSError, UnicodeDecodeError) as exc:
-                raise RecipeError(f"{place}: cannot be read ({exc})") from None
+                raise RecipeError(f"{place} is not a TOML file: {exc}") from None
+            except OSError as exc:
+                raise RecipeError(f"{place}: cannot be read ({exc.strerror})") from None
             except DataError as exc:
                 raise RecipeError(f"{place}: {exc}") from None
     return {}

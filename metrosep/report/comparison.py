@@ -170,7 +170,7 @@ class Tolerances:
         left = sorted(set(self._given) - self._used - {_EVERY})
         if left:
             raise DataError(
-                f"no value is called {left[0]!r}, so its tolerance has no use; there are "
+                f"a tolerance is given for {left[0]!r}, and no value has that name; the names are "
                 + (", ".join(dict.fromkeys(names)) or "none")
             )
 

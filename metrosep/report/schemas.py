@@ -13,7 +13,7 @@ from xml.etree import ElementTree as ET
 
 from metrosep.core.errors import UnsupportedFeatureError, WriteError
 
-__all__ = ["element", "require_valid", "xml_bytes"]
+__all__ = ["element", "require_valid", "schema_in", "xml_bytes"]
 
 _ROOTS = {"dcc": "dcc*.xsd", "qif": "QIFDocument.xsd"}
 _MOST = 4
@@ -42,8 +42,8 @@ def xml_bytes(root: Any, prefixes: Mapping[str, str]) -> bytes:
     return made + b"\n"
 
 
-def require_valid(made: bytes, folder: Path, kind: str) -> None:
-    """Refuse XML that does not fit its schema: WriteError with the first faults and their lines."""
+def schema_in(folder: Path, kind: str) -> tuple[str, Any]:
+    """Return the newest schema of a kind in a folder, with its name; WriteError where it cannot be used."""
     try:
         from lxml import etree
     except ImportError:
@@ -58,14 +58,21 @@ def require_valid(made: bytes, folder: Path, kind: str) -> None:
     parser = etree.XMLParser(no_network=True)
     parser.resolvers.add(_local(etree, files))
     try:
-        schema = etree.XMLSchema(etree.parse(str(root), parser))
+        return root.name, etree.XMLSchema(etree.parse(str(root), parser))
     except (etree.XMLSchemaParseError, etree.XMLSyntaxError) as exc:
         raise WriteError(
             f"{root}: the schema cannot be used ({exc}); put the schemas that it imports beside it"
         ) from None
+
+
+def require_valid(made: bytes, folder: Path, kind: str) -> None:
+    """Refuse XML that does not fit its schema: WriteError with the first faults and their lines."""
+    name, schema = schema_in(folder, kind)
+    from lxml import etree
+
     if not schema.validate(etree.fromstring(made, etree.XMLParser(huge_tree=True))):
         faults = [f"line {e.line}: {e.message}" for e in list(schema.error_log)[:_MOST]]
-        raise WriteError(f"the {kind} does not fit {root.name}: {'; '.join(faults)}")
+        raise WriteError(f"the {kind} does not fit {name}: {'; '.join(faults)}")
 
 
 def _version(name: str) -> list[int]:

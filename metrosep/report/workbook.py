@@ -17,6 +17,7 @@ from metrosep.report.comparison import known_number
 from metrosep.report.index import Series, require_index, series_of, status_stamp
 from metrosep.report.text import (
     CharacteristicRow,
+    capital,
     characteristic_rows,
     document_writer,
     one_line,
@@ -131,16 +132,22 @@ def _summary(book: Workbook, document: Mapping[str, Any], shown: Mapping[str, An
     row = write_text(sheet, row, 0, shown["title"], bold)
     mark = shown["stamp"]
     verdict = document.get("verdict")
-    sheet.write_string(row, 0, f"{mark.symbol} {mark.word}", _verdict_style(book, verdict))
+    sheet.write_string(row, 0, f"{mark.symbol} {c['verdict']}", _verdict_style(book, verdict))
     row = write_text(sheet, row, 1, mark.meaning)
-    if shown["decision_rule"] and verdict is not None:
-        sheet.write_string(row, 0, "Decision rule")
-        row = write_text(sheet, row, 1, shown["decision_rule"], wrapped)
-    facts = [("Needed to issue it", c["missing"])] if c["missing"] else []
+    t = c["t"]
+    facts = [(t["decision_rule"], c["rule"])] if c["rule"] else []
+    facts += [(t["draft"], c["missing"])] if c["missing"] else []
+    facts += [
+        (t[name], c[k]) for k, name in (("issued", "issued"), ("replaces", "revision")) if c[k]
+    ]
     facts += [(title, "; ".join(f"{k}: {v}" for k, v in rows)) for title, rows in c["blocks"]]
-    facts += [(c["t"]["u_origin"], o) for o in c["origins"]]
-    facts += [(c["t"]["traceability"], c["traceability"])] if c["traceability"] else []
-    facts += [(c["t"]["deviations"], d) for d in c["deviations"]]
+    facts += [(t["u_origin"], o) for o in c["origins"]]
+    facts += [(t["traceability"], c["traceability"])] if c["traceability"] else []
+    facts += [(t["deviations"], d) for d in c["deviations"]]
+    facts += [(t["external"], c["external"])] if c["external"] else []
+    facts += [(who, name or t["not_stated"]) for who, name in c["persons"]]
+    facts += [(t["results"], t["statement"])]
+    facts = [(capital(name), value) for name, value in facts]
     facts += [*shown["summary"], *((shown["table"] or {}).get("rows") or [])]
     for name, value in facts:
         sheet.write_string(row, 0, one_line(name))
@@ -148,8 +155,9 @@ def _summary(book: Workbook, document: Mapping[str, Any], shown: Mapping[str, An
     for found in (shown["table"] or {}).get("findings") or []:
         sheet.write_string(row, 0, one_line(f"Table, {found['level']}"), soft)
         row = write_text(sheet, row, 1, f"{found['problem']} {found['fix']}", wrapped)
-    for message in (*c["warnings"], *shown["messages"]):
-        sheet.write_string(row, 0, "Note", soft)
+    said = [(t["warnings"], m) for m in c["warnings"]] + [("Note", m) for m in shown["messages"]]
+    for name, message in said:
+        sheet.write_string(row, 0, capital(name), soft)
         row = write_text(sheet, row, 1, message, wrapped)
     _picture(sheet, document, row + 1)
 

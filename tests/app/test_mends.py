@@ -49,6 +49,9 @@ def press(answers, mend, value=None):
 
 def test_a_map_without_scale_asks_for_it_and_every_reading_is_in_pixels_till_then(tmp_path):
     answers = opened(tmp_path)
+    assert full(answers)["rows"]  # a plane needs no scale
+    edit = {"path": ["step", 0, "form"], "old": "plane", "new": "sphere"}
+    answers.answer({"k": "edit", "edits": [edit]})
     failed = full(answers)["failed"]
     assert not any(word in failed["message"] for word in ("None", "True", "='", "Surface("))
     scale, skip = failed["mends"]

@@ -64,6 +64,21 @@ def test_the_line_of_a_recipe_goes_with_its_whole_name():
     assert page_words("it is not used (part.toml:15: bad)") == "it is not used (bad)"
 
 
+@pytest.mark.parametrize(
+    ("said", "kept"),
+    [
+        ("column 'v=2' has no unit; give unit='um'", "column 'v=2' has no unit; give unit um"),
+        ("found 'pos_x=3', 'F = 100 mm/min' and 'z'", "found 'pos_x=3', 'F = 100 mm/min' and 'z'"),
+        ("say x='v=2' or x = 'z_um'", "say x v=2 or x z_um"),
+        ("missing='(1)' and 'a=1' are odd", "missing (1) and 'a=1' are odd"),
+        ("column \"Müller's v=2\" in 'a=1/b.csv'", "column \"Müller's v=2\" in 'a=1/b.csv'"),
+        ("'part 7' is not 'q=1'", "'part 7' is not 'q=1'"),
+    ],
+)
+def test_what_a_message_quotes_is_the_word_of_a_file(said, kept):
+    assert page_words(said) == kept
+
+
 def test_limits_of_a_band_have_one_name_each():
     said = 'needs lambda_s, lambda_c or both, or lambda_c = "0.8 mm"'
     assert page_words(said) == "needs \u03bbs, \u03bbc or both, or \u03bbc 0.8 mm"

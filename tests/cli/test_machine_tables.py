@@ -879,6 +879,10 @@ def test_what_a_turning_axis_needs_in_the_kinematics_is_said(
     assert said.startswith(f"note: {same}: ")
     assert shown not in said
     assert "axis C in its kinematics" in said
+    moving = [v for v in err.splitlines() if "whose zero stands still in the machine" in v]
+    assert [v.partition(":")[2].split(":")[0] for v in moving] == (
+        [" Y0C = -4 um"] if other == "" else []
+    )
 
 
 def test_a_preset_lacks_its_size_in_the_same_breath_as_other_options(

@@ -60,6 +60,7 @@ def failing(capsys):
         ("write controller='csv'", {"table_"}, "write --table csv=FILE"),
         ("write controller='csv'", {"format_"}, "write --format csv"),
         ("say method='mean'", {"recipe"}, "say method='mean'"),
+        ("column 'x=2' is not \"z=1\"; give z=", {"x", "z"}, "column 'x=2' is not \"z=1\"; give --z"),
         ("a.csv: x=3 is odd", {"method"}, "a.csv: x=3 is odd"),
         ("folder/method=a/b.csv: missing", {"scale"}, "folder/method=a/b.csv: missing"),
     ],

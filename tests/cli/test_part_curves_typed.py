@@ -45,7 +45,9 @@ def drawn(path, radius, rng, n=48):
 
 def columns_of(path):
     """Columns of a written file of terms."""
-    lines = [row for row in csv.reader(path.read_text().splitlines()) if not row[0].startswith("#")]
+    lines = [
+        row for row in csv.reader(path.read_text().splitlines()) if not row[0].startswith("#")
+    ]
     return dict(zip(lines[0], np.array(lines[1:], dtype=float).T, strict=True))
 
 

@@ -788,7 +788,8 @@ def test_check_of_a_german_list_prints_the_command_that_makes_its_table(tmp_path
     words = shlex.split(line.partition("metrosep table ")[2])
     assert words[words.index("--readings") + 1] == "Lauf 1 [µm],Lauf 2 [µm],Lauf 3 [µm]"
     words[words.index("AXIS")], words[words.index("FILE")] = "X", str(tmp_path / "x.comp")
-    code, _, told = metrosep("table", *words, "--deviation", "reached-minus-target")
+    words[words.index("SENSE")] = "reached-minus-target"
+    code, _, told = metrosep("table", *words)
     assert code == 0, told
     trim = trims(tmp_path / "x.comp")
     for way in (1, -1):

@@ -195,7 +195,7 @@ def test_rows_as_wide_as_the_header_or_refused(tmp_path, head):
         ("X_mm,C_deg,Z_mm\n1,90,1\n", {"units": {"X": "um"}}, UnitError, "header says mm"),
         ("X_mm,X_um,C_deg,Z_mm\n1,1000,90,1\n", {}, DataError, "X twice"),
         ("X_mm,C_deg,Z_mm\n1,2,3\n", {"columns": {"Z": 0}}, DataError, "same column"),
-        ("X_mm,C_deg,Z_mm\n1,2,1e300\n", {}, CorruptFileError, "no machine goes there"),
+        ("X_mm,C_deg,Z_mm\n1,2,1e300\n", {}, CorruptFileError, "beyond the travel of any machine"),
         ("X_mm,C_deg,Z_mm\n1,2,3\n", {"decimals": 5.5}, DataError, "whole number"),
         ("\n# nothing\n", {}, DataError, "a list has a header such as"),
         ("t_s,X_mm,C_deg,Z_mm,VZ\n0,1,2,3,4\n", {}, UnitError, "column VZ"),

@@ -174,9 +174,9 @@ def test_a_map_without_both_lateral_steps_has_no_section(steps):
         lambda: surface.section((1, 1), (20, 20), width="5 um"),
         lambda: surface.circle_section((10, 10), 5),
     ):
-        with pytest.raises(DataError, match=r"no lengths; read the file with lateral_step="):
+        with pytest.raises(DataError, match=r"write it in pixels, .* or give lateral_step ="):
             call()
-    with pytest.raises(DataError, match="width has a unit"):
+    with pytest.raises(DataError, match="width is given in a unit of length"):
         section_profile(surface, (1, 1), (20, 20), width="5 um")
 
 

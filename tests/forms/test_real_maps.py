@@ -252,9 +252,13 @@ def test_robust_fit_knows_the_correlation_too():
     assert np.sqrt(np.mean(np.square(pulls))) < 1.8
 
 
+MAPS = ("afm", "fourd", "gwyfile", "prysm", "st", "text", "x3ptools")
+"""Folders of the corpus that hold maps."""
+
+
 def real_maps(corpus, pixels):
     """The maps of the corpus, every n-th pixel where they are larger."""
-    for path in sorted((*(corpus / "st").iterdir(), *(corpus / "prysm").iterdir())):
+    for path in sorted(p for folder in MAPS for p in (corpus / folder).iterdir()):
         try:
             measured = ms.read(path)
         except MetrosepError:
@@ -265,29 +269,48 @@ def real_maps(corpus, pixels):
             yield path.name, ms.Surface(measured.z[::n, ::n], *steps)
 
 
-def test_halves_of_every_real_map_agree_within_their_u(corpus):
-    """Stripes along either axis, every other one to each half; maps with room for eight stripes."""
-    seen = 0
-    for name, whole in real_maps(corpus, 1e5):
-        if min(whole.shape) < 96:
+HALVED = (
+    "sphere", "plane", "conic", "polynomial: degree=4", "zernike: terms=15, radius={radius:.9g} um",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "form", [HALVED[0], *(pytest.param(f, marks=pytest.mark.slow) for f in HALVED[1:])]
+)
+def test_halves_of_every_real_map_agree_within_their_u(corpus, form):
+    """Stripes along either axis, every other one to each half; maps with room for eight stripes.
+
+    The disc of Zernike's terms is that of the whole map: halves have discs of their own. Two halves with
+    errors of their own differ by more than 3 u in 3 % of all numbers: one in a hundred of many may.
+    """
+    seen, apart = 0, []
+    for name, whole in real_maps(corpus, 2e4):
+        if min(whole.shape) < 20:
             continue
         seen += 1
+        half_y, half_x = (
+            0.5 * step * (n - 1) for step, n in zip((whole.dy, whole.dx), whole.shape, strict=True)
+        )
+        ideal = form_from_text(form.format(radius=1.01e6 * np.hypot(half_x, half_y)))
         for axis in (0, 1):
-            wide = min(24, whole.shape[axis] // 8)
-            stripe = np.arange(whole.shape[axis]) // wide % 2
+            stripe = np.arange(whole.shape[axis]) // min(24, whole.shape[axis] // 8) % 2
             kept = stripe[:, None] if axis == 0 else stripe[None, :]
+            halves = (np.where(kept == side, whole.z, np.nan) for side in (0, 1))
             a, b = (
                 fit(
-                    ms.Surface(np.where(kept == side, whole.z, np.nan), whole.dx, whole.dy),
-                    Sphere(),
+                    ms.Surface(z, whole.dx, whole.dy, origin=(-half_x, -half_y)),
+                    ideal,
                     centre=(0.0, 0.0),
                 )
-                for side in (0, 1)
+                for z in halves
             )
-            for key in ("tilt_x", "tilt_y", "c"):
-                apart = abs(a.params[key] - b.params[key])
-                assert apart <= 3.0 * max(a.u[key], b.u[key]), (name, axis, key)
-    assert seen >= 8
+            for key in a.u.keys() & b.u.keys() - {"R"}:
+                ua, ub, off = a.u[key], b.u[key], abs(a.params[key] - b.params[key])
+                # NaN: too few independent cells, and the report says so
+                assert np.isnan(ua + ub) or off <= 3.0 * np.hypot(ua, ub), (name, key)
+                apart.append(off > 3.0 * max(ua, ub))
+    assert seen >= 16
+    assert sum(apart) <= 0.01 * len(apart)
 
 
 NOISE_FORMS = (

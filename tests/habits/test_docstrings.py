@@ -105,6 +105,23 @@ def _documented(doc: str) -> set[str]:
     return set().union(*(_section(doc, title) for title in sections))
 
 
+def test_every_object_says_what_it_is():
+    """<metrosep... object at 0x7f> helps nobody; what is abstract or a protocol has no objects."""
+    bare = [
+        path
+        for path, value in public_objects().items()
+        if inspect.isclass(value)
+        and value.__repr__ is object.__repr__
+        and not (inspect.isabstract(value) or getattr(value, "_is_protocol", False))
+        and not any(issubclass(other, value) for other in _classes() if other is not value)
+    ]
+    assert not bare, bare
+
+
+def _classes() -> list[type]:
+    return [value for value in public_objects().values() if inspect.isclass(value)]
+
+
 def _raised(value: object) -> set[str]:
     """Errors that a function, or a class on construction, raises in its own lines."""
     names: set[str] = set()

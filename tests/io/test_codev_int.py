@@ -164,7 +164,8 @@ def test_written_grid_is_within_half_a_step_for_an_independent_reader(bump):
 
 
 def test_written_grid_uses_the_whole_range_of_16_bits(bump):
-    counts = [int(v) for line in int_bytes(bump).splitlines()[5:] for v in line.split()]
+    body = int_bytes(bump).partition(b"GRD ")[2].splitlines()[1:]
+    counts = [int(v) for line in body for v in line.split()]
 
     assert max(counts) == 32767
     assert min(c for c in counts if c != -32768) == -32767
@@ -180,6 +181,29 @@ def test_written_grid_is_read_back_by_metrosep(bump, put):
     assert back.metadata["data_kind"] == "wavefront"
     assert back.metadata["wavelength_m"] == pytest.approx(1.55e-6, rel=ROUNDING, abs=0.0)
     assert back.metadata["header"]["title"].startswith("bump 7 (step 1.37842 pm)")
+
+
+def test_a_map_far_from_zero_comes_back_at_its_height_and_place(bump, tmp_path):
+    """Counts hold the relief only; who looks for a thickness or a sag needs the height of count 0 too."""
+    far = ms.Surface(bump.z - 4e-6, bump.dx, bump.dy, origin=(1e-3, -2e-3))
+    path = tmp_path / "far.int"
+    ms.write(far, path)
+
+    back = ms.read(path)
+
+    half = quantisation_step(far) / 2 * (1 + ROUNDING)
+    np.testing.assert_allclose(back.z, far.z, rtol=0.0, atol=half)
+    assert (back.origin, back.dx, back.dy) == ((1e-3, -2e-3), bump.dx, bump.dy)
+    words = path.read_bytes().replace(b"written by metrosep", b"written by somebody")
+    other = ms.read(_put(tmp_path, words), lateral_step=(bump.dx, bump.dy))
+    assert np.nanmax(other.z) == pytest.approx(-np.nanmin(other.z), rel=0.0, abs=2 * half)
+    assert other.origin == (0.0, 0.0)
+
+
+def _put(folder, content):
+    path = folder / "other.int"
+    path.write_bytes(content)
+    return path
 
 
 def test_lateral_steps_in_our_own_comments_are_read_back_and_those_of_others_are_not(put):

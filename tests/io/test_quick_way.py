@@ -64,7 +64,8 @@ def _outcome(content: bytes) -> object:
     except ms.errors.MetrosepError as exc:
         return f"{type(exc).__name__}: {exc}"
     columns = [
-        (c.name, None if c.values is None else c.values.tobytes(), c.labels) for c in table.columns
+        (c.name, None if c.values is None else c.values.tobytes(), tuple(c.labels or ()))
+        for c in table.columns
     ]
     return columns, table.lines.tolist(), dict(table.ledger), table.warnings
 
@@ -141,3 +142,32 @@ def test_a_short_row_between_blanks_is_named(
 
     with pytest.raises(ms.errors.ReadError, match="line 21"):
         ms.read(path, unit="mm")
+
+
+ROWS = 400_000
+"""Rows of more than one part of a file (4 MiB), in which a column holds few words."""
+
+
+def _status(i: int) -> str:
+    return "cut" if i % 7 else "air" if i < 350_000 else "retract"
+
+
+def test_a_column_of_few_words_is_kept_as_these_and_reads_like_a_list(tmp_path: Path) -> None:
+    """A word that stands late only, after the part in which the others were met, is told too."""
+    path = tmp_path / "status.csv"
+    body = "".join(f"{i * 0.001:.3f},{i % 11 / 7:.5f},{_status(i)}\n" for i in range(ROWS))
+    path.write_text("x_mm,z_um,state\n" + body)
+
+    state = read_table(RawFile(path))["state"].labels
+
+    assert state is not None
+    assert not isinstance(state, list | tuple)
+    assert _compiled.different(state) == ("air", "cut", "retract")
+    assert list(state) == [_status(i) for i in range(ROWS)]
+    assert (state[7], state[-1], len(state)) == ("air", _status(ROWS - 1), ROWS)
+    assert list(state[350_000:350_008]) == [_status(i) for i in range(350_000, 350_008)]
+    assert np.array(state)[349_999:350_001].tolist() == [_status(349_999), _status(350_000)]
+    assert "retract" in state
+    assert "" not in state
+    (chosen,) = (ms.read(path, x="x_mm", z="z_um", channel=c) for c in ("retract",))
+    assert chosen.x.size == sum(_status(i) == "retract" for i in range(ROWS))

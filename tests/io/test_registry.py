@@ -362,3 +362,27 @@ def test_a_new_format_is_one_folder_and_one_module(put, tmp_path, monkeypatch):
     finally:
         for cache in caches:
             cache.cache_clear()
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "%\r\nO0007 (SPHERE)\r\nG21 G90\r\nX1\r\n",
+        "G0X1Z1\nG1Z0\n",
+        "(TIP)\n;a\nN10 G18\nX2. Z3.\n",
+    ],
+)
+def test_a_program_is_named_with_what_takes_it(tmp_path, program):
+    (tmp_path / "part.nc").write_text(program)
+    with pytest.raises(
+        ms.errors.ReadError, match=r"program of G-code, not a measurement; 'metrosep path'"
+    ):
+        ms.read(tmp_path / "part.nc")
+
+
+@pytest.mark.parametrize("text", ["G1,G2\nx,1\ny,2\n", "G1x\nabc\ndef\nxyz\n"])
+def test_words_that_only_look_like_a_program_are_none(tmp_path, text):
+    (tmp_path / "a.txt").write_text(text)
+    with pytest.raises(ms.errors.ReadError) as told:
+        ms.read(tmp_path / "a.txt")
+    assert "G-code" not in str(told.value)

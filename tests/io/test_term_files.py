@@ -5,7 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, MetrosepError
 from metrosep.io.term_files import read_term_table, term_texts
 from metrosep.machine.terms import ConstantTerm, TableTerm
 
@@ -86,6 +86,42 @@ def test_constants_have_their_uncertainty_beside_them():
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-8-sig", "utf-16"])
+def test_a_table_of_a_spreadsheet_in_any_order_is_read_as_the_plain_one(tmp_path, encoding):
+    """Semicolons, decimal commas, a remark, rows from the far end, units in brackets."""
+    x = np.array([0.0, 2.5, 5.0, 10.0])
+    e = np.array([0.25, -1.5, 0.75, 3.0])
+    rows = [
+        f"{a:.2f};{b:.3f};{abs(b) / 8:.4f}".replace(".", ",") for a, b in zip(x, e, strict=True)
+    ]
+    head = ["# Prüfling: Müller", "X [mm];EZX [µm];u_EZX [µm]"]
+    rows = [r.replace("-", "−") if encoding == "utf-16" else r for r in reversed(rows)]
+    (tmp_path / "down.csv").write_bytes("\r\n".join([*head, *rows, ""]).encode(encoding))
+    term, span = read_term_table(tmp_path / "down.csv", KINDS)["EZX"]
+    assert span == pytest.approx((0.0, 10e-3), abs=1e-15)
+    asked = np.array([0.0, 1.25, 7.5, 10.0])
+    assert term.evaluate(asked * 1e-3) == pytest.approx(UM * np.interp(asked, x, e), abs=1e-15)
+    u = np.interp(asked, x, np.abs(e) / 8)
+    assert term.sd(asked * 1e-3) == pytest.approx(UM * u, abs=1e-10)  # u is typed to 0.1 nm
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x_mm,EXX_um\n0,1\n1,NaN\n2,3\n", "line 3.*EXX_um.*not measured"),
+        ("x_mm,EXX_um,EYX_um\n0,1,1\n1,2\n2,3,3\n3,4,4\n4,5,5\n", "line 3"),
+        ("x_mm,EXX_um\n0,1\n2,2\n1,3\n", "line 4.*neither rise nor fall"),
+        ("x_mm,EXX_um\n0,1\n2,2\n2,3\n", "line 4.*neither rise nor fall"),
+        ("x_mm,EXX\n0,1\n2,2\n", "EXX.*no unit|unit.*EXX"),
+        ("x_deg,EXX_um\n0,1\n2,2\n", "length"),
+    ],
+)
+def test_a_table_that_is_not_one_is_refused_with_its_line(tmp_path, text, said):
+    (tmp_path / "X.csv").write_text(text)
+    with pytest.raises(MetrosepError, match=said):
+        read_term_table(tmp_path / "X.csv", KINDS)
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -107,5 +143,5 @@ def test_marks_and_the_order_of_columns_do_not_matter(tmp_path, text):
 
 def test_a_place_that_was_not_measured_is_refused_by_its_line(tmp_path):
     (tmp_path / "x.csv").write_text("# of May\nx_mm,EXX_um\n0,0.25\n10,NaN\n20,1\n")
-    with pytest.raises(DataError, match=r"x\.csv: line 4 holds a value that is not a number"):
+    with pytest.raises(DataError, match=r"x\.csv: line 4, EXX_um was not measured"):
         read_term_table(tmp_path / "x.csv", KINDS)

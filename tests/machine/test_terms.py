@@ -294,7 +294,7 @@ def test_chain_of_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('name = "bench"', "name = bench", "is not TOML file"),
+        ('name = "bench"', "name = bench", "is not a TOML file"),
         ("location_mm", "location", "a unit belongs to the key: location_m, location_mm"),
         ("location_mm", "location_inch", "a unit belongs to the key"),
         ("angle_deg", "angel_deg", "unknown key 'angel_deg'.*known"),
@@ -348,7 +348,7 @@ def test_file_that_is_missing_or_binary(tmp_path):
     with pytest.raises(FileNotFoundError):
         Chain.from_toml(tmp_path / "none.toml")
     (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(DataError, match=r"b\.toml is not TOML file"):
+    with pytest.raises(DataError, match=r"b\.toml: line 1 is not UTF-8; save"):
         Chain.from_toml(tmp_path / "b.toml")
 
 

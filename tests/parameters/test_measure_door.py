@@ -129,3 +129,38 @@ def test_paraboloid_pits_of_a_map(tmp_path, sign, step):
     level = np.sort(np.abs(z).ravel())[-z.size // 20]
     area = np.sum(np.abs(z) >= level) / 100 * 2e-12
     expect(found, **{"Sda(95 %)" if sign == 1 else "Sha(5 %)": area})
+
+
+@pytest.mark.parametrize("shape", [(1, 80), (80, 1), (2, 60)])
+def test_of_a_map_that_is_all_border_no_peak_is_counted(tmp_path, shape):
+    """A row, a column, two rows, and a map of which every other row is missing: no pixel has all neighbours.
+
+    The row had 14 peaks for each mm^2 and the column none, and Spd of the others was 0.
+    """
+    z = np.fromfunction(lambda y, x: np.sin(1.3 * (x + y)) + 0.1 * y, shape)
+    holed = np.repeat(np.atleast_2d(z), 2, axis=0)
+    holed[1::2] = np.nan
+    for name, heights in (("bare", z), ("holed", holed)):
+        path = tmp_path / f"{name}.npy"
+        np.save(path, heights * 1e-7)
+        options = [
+            "--unit",
+            "m",
+            "--lateral-step",
+            "2 um",
+            "--params",
+            "Spd,S10z,Sha,Sq",
+            "--json",
+        ]
+        done = CliRunner().invoke(cli, ["measure", str(path), *options])
+        found = json.loads(done.stdout)
+        assert set(found["parameters"]) == {"Sq"}
+        assert "at the border of the map or of a hole" in found["unavailable"]["Spd"]
+
+
+def test_an_uncertainty_that_is_not_known_is_not_printed_as_a_number(tmp_path):
+    np.save(tmp_path / "small.npy", 1e-9 * np.arange(9.0).reshape(3, 3) ** 2)
+    options = ["--unit", "m", "--lateral-step", "2 um", "--form", "sphere"]
+    printed = CliRunner().invoke(cli, ["form", str(tmp_path / "small.npy"), *options]).output
+    assert printed.count("u = not known") == 5
+    assert "nan" not in printed

@@ -85,7 +85,7 @@ def test_what_is_no_groove_is_refused():
         step_height(profile, width=-1.0)
     with pytest.raises(DataError, match="kind"):
         step_height(profile, width=100 * UM, kind="A3")
-    with pytest.raises(DataError, match="lateral step"):
+    with pytest.raises(DataError, match="lateral_step"):
         step_height(Surface(np.zeros((9, 9))), width=100 * UM)
 
 

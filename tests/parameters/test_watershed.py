@@ -225,7 +225,7 @@ def test_five_point_height_of_known_bumps():
     peaks = significant_peaks(z)
     assert len(peaks) == 6
     assert five_point_height(peaks, mean=0.5) == pytest.approx(4.0 - 0.5, abs=1e-6)
-    with pytest.raises(TooFewSamplesError, match="only 3"):
+    with pytest.raises(TooFewSamplesError, match="the map has 3"):
         five_point_height(significant_peaks(bumps(centres[:3], [6.0, 5.0, 4.0])), 0.0)
 
 

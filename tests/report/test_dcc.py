@@ -148,3 +148,34 @@ def test_at_the_door_the_certificate_is_checked_and_repeats(document, tmp_path, 
     assert made[0] == made[1]
     page = ElementTree.fromstring(made[0]).findtext("d:document/d:dataBase64", None, NAMES)
     assert page.startswith("JVBERi")  # %PDF
+
+
+def test_a_schema_that_cannot_be_used_is_refused_before_a_report_is_made(
+    tmp_path, monkeypatch, capsys
+):
+    """The report that would take half a minute is never begun, and nothing is written."""
+    from metrosep.cli import reporting
+
+    pytest.importorskip("lxml")
+    monkeypatch.setattr(reporting, "rendered", lambda task: pytest.fail("a report was begun"))
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s" / "dcc-3.2.1.xsd").write_text("<no/>")
+    (tmp_path / "result.json").write_text("{}")
+    words = [
+        "report",
+        str(tmp_path),
+        "-o",
+        str(tmp_path / "r"),
+        "--dcc-schema",
+        str(tmp_path / "s"),
+    ]
+    for form, said in (
+        ("html,dcc", "cannot be used"),
+        ("qif", "no QIFDocument.xsd"),
+        ("html", "leave it out"),
+    ):
+        with pytest.raises(SystemExit) as stop:
+            main([*words, "--format", form])
+        assert stop.value.code == 2
+        assert said in capsys.readouterr().err
+    assert not (tmp_path / "r").exists()

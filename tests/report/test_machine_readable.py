@@ -124,7 +124,7 @@ def test_the_workbook_says_what_the_document_says(document):
     )
     assert summary[0] == "Test report (DRAFT)"
     assert summary[1] == document["title"]
-    assert summary[2] == "✓ ACCEPT"
+    assert summary[2] == "✓ ACCEPTED"
     head = dict(zip(rows[0], range(len(rows[0])), strict=True))
     pv, entry = rows[1], document["characteristics"][0]
     assert pv[head["unit"]] == "nm"

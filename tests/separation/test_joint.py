@@ -112,6 +112,20 @@ def test_twelve_hertz_on_the_lead_is_named(contract_machine, as_runset):
     assert "Hz disturbance maps onto" in messages
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_run_that_is_kept_out_of_its_place_is_no_vibration(contract_machine, as_runset, way):
+    """1 mm off on a lead of 10 mm leaves 12 Hz in that run at 120 mm/s, and in no other."""
+    machine = contract_machine.Machine(6)
+    x, z, t, v = machine.runs[4]
+    machine.runs[4] = (x + way, z, t, v)
+
+    messages = " ".join(joint(as_runset(machine), machine).messages)
+
+    size = float(messages.split("is displaced by ")[1].split(" mm")[0])
+    assert size == pytest.approx(way, abs=0.1)  # mm; u is 0.02
+    assert "Hz disturbance" not in messages
+
+
 def test_message_asks_for_a_run_where_too_few_feeds_are_clean(contract_machine, as_runset):
     machine = contract_machine.Machine(102, case="floor", feeds=(118.0, 122.0), n_repeats=5)
 

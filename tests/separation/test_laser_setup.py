@@ -721,3 +721,21 @@ def test_runs_below_each_other_become_columns():
         laser_positions(x, z, setup=setup, run=[1] * 4 + [2] * 4)
     with pytest.raises(MetrosepError, match="name one of readings"):
         laser_positions(x, [z, z], setup=setup, approach=way, run=[1] * 8)
+
+
+def test_a_setup_says_what_it_is_in_a_line_and_is_compared_by_values():
+    from metrosep.separation import LaserSetup
+
+    typed = LaserSetup(dead_path="200 mm", temperature="21 degC", positive="away")
+    assert repr(typed) == "LaserSetup(dead_path='200 mm', temperature='21 degC', positive='away')"
+    assert typed == LaserSetup(positive="away", dead_path=0.2, temperature=294.15)
+    assert hash(typed) == hash(LaserSetup(positive="away", dead_path=0.2, temperature=294.15))
+    assert typed != LaserSetup(positive="towards", dead_path=0.2, temperature=294.15)
+    many = LaserSetup(
+        temperature="21 degC",
+        pressure="1005 hPa",
+        humidity="45 %",
+        u_reading="3 nm",
+        co2="450 ppm",
+    )
+    assert len(repr(many)) <= 100

@@ -170,9 +170,11 @@ async function askMetrics(/** @type {import("./ladder.js").Level} */ level) {
   try {
     ({ header } = await wire.ask("metrics", { level }, level === "full" ? "metrics full" : "metrics"));
   } catch (error) {
-    if (error instanceof Superseded) throw error;
-    if (session.hash === of && error instanceof Refusal) metrics.put({ rows: [], refused: error.message, is_preview: false });
-    throw error;
+    if (!(error instanceof Refusal)) throw error;
+    // What the numbers refuse, their own panel says, and the tabs say what is theirs: no alert above both.
+    if (session.hash === of) metrics.put({ rows: [], refused: error.message, mends: error.mends, is_preview: false });
+    if (session.hash === of && level === "full") drawFull("", "full resolution failed");
+    return null;
   }
   if (session.hash !== of || header.hash !== of) return null; // of another recipe, or another file
   if (level !== "full" && ladder.level === "full") return null;
@@ -216,7 +218,9 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
   metrics.show(session);
   drawStage();
   tabs.changed(isNewFile, isNewFile ? session.view?.tab : undefined);
-  if (changed && session.kind) ladder.climb();
+  if (!changed || !session.kind) return;
+  drawFull("busy", "full resolution…"); // as the verdict waits for it
+  ladder.climb();
 }
 
 /** The step that is shown; of all steps the last that is carried out. */

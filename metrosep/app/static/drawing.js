@@ -5,7 +5,7 @@
 import { chipOf, drawBar, fieldsOf, fillBar, fitButton, groupOf, linesOf, marksOf, meant, node, SECOND, shapesOf, TOOLS } from "./drawing_parts.js";
 import { makeEdits, MOST_LINES } from "./drawing_edits.js";
 import { makeHandle, wheelFactor } from "./handles.js";
-import { gripsOf, kindOf, moved, pointText, setPixel, spans, straightened, withCorner, withoutCorner, written } from "./shapes.js";
+import { gripsOf, kindOf, moved, placeOf, pointText, setPixel, spans, straightened, withCorner, withoutCorner, written } from "./shapes.js";
 
 /** @typedef {Record<string, any>} Dict */
 /** @typedef {import("./shapes.js").Point} Point */
@@ -126,7 +126,9 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
   /** Lay a round section into what was measured. */
   async function fitAperture(/** @type {Shape} */ shape) {
     const found = await place({ what: "aperture" });
-    if (found) change(shape, { ...shape.table, centre: pointText(found.centre), radius: written(0.98 * found.radius) });
+    if (!found) return;
+    const { from, sides, unit } = placeOf(shape.table);
+    change(shape, { ...shape.table, centre: pointText(from(found.centre), unit), radius: written((0.98 * found.radius) / Math.max(...sides), unit) });
   }
 
   function click(/** @type {Point} */ p, /** @type {boolean} */ shift) {
@@ -174,17 +176,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
     drawAll();
   }
 
-  function ready() {
-    if (session().kind !== "map") return false;
-    if (step > 0) return true;
-    const give = Object.assign(document.createElement("button"), { type: "button", className: "small", textContent: "Give the scale\u2026" });
-    give.addEventListener("click", () => {
-      give.closest(".alert")?.remove();
-      /** @type {HTMLElement | null} */ (document.querySelector("#no-scale button"))?.click();
-    });
-    say("The file does not say how large a pixel of this map is, so that shapes have no lengths.", give);
-    return false;
-  }
+  const ready = () => session().kind === "map" && step > 0; // its picture has come
 
   pad.addEventListener("pointerdown", begin);
   pad.addEventListener("pointermove", follow);
@@ -226,12 +218,14 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
   function paste(/** @type {Dict} */ table) {
     const [move] = gripsOf(table, centres.get(current()?.index ?? -1) ?? null);
     const by = 20 * (seen?.scale ?? 0);
-    add(moved(table, "move", [move.at[0] + by, move.at[1] - by], move.at));
+    const { to, from } = placeOf(table);
+    const [x, y] = to(move.at);
+    add(moved(table, "move", from([x + by, y - by]), move.at));
   }
 
   // ---- pictures -------------------------------------------------------------------------------
 
-  let step = 0; // m: of a pixel
+  let step = 0; // m, or 1 px: of a pixel
 
   function drawn(/** @type {Dict} */ table, /** @type {Point | null} */ fitted, /** @type {string} */ name, /** @type {Shape | null} */ shape) {
     const group = groupOf(table, fitted, name, toScreen, seen?.scale ?? 1, shape && table === shape.table ? marks.get(shape.name) : []);
@@ -240,7 +234,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
         event.stopPropagation();
         const rect = svg.getBoundingClientRect();
         const p = toMap(event.clientX - rect.left, event.clientY - rect.top);
-        if (chosen === shape.id && shape.table.points) change(shape, withCorner(shape.table, p));
+        if (chosen === shape.id && shape.table.points) change(shape, withCorner(shape.table, placeOf(shape.table).from(p)));
         else choose(shape.id);
       });
     }
@@ -266,8 +260,8 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
       const id = `${shape?.id} ${g.key}`;
       if (!grips.has(id)) grips.set(id, gripFor(g));
       const grip = /** @type {import("./handles.js").Grip} */ (grips.get(id));
-      grip.place(.../** @type {[number, number]} */ (toScreen(g.at)));
-      grip.describe(pointText(g.at));
+      grip.place(.../** @type {[number, number]} */ (toScreen(placeOf(table ?? {}).to(g.at))));
+      grip.describe(pointText(g.at, placeOf(table ?? {}).unit));
     }
   }
 
@@ -275,15 +269,17 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
     const to = (/** @type {Point} */ p) => {
       const shape = current();
       if (!shape || !held) return;
-      draft = moved(draft ?? shape.table, g.key, p, shape.fitted);
+      draft = moved(draft ?? shape.table, g.key, placeOf(shape.table).from(p), shape.fitted);
       draw();
     };
     const grip = makeHandle(el, {
       label: `${current()?.name}, ${g.label}`, text: g.key === "move" ? "✥" : "",
       moved: (x, y) => to(toMap(x, y)),
       stepped(dx, dy) {
-        const now = gripsOf(draft ?? current()?.table ?? {}, current()?.fitted ?? null).find((one) => one.key === g.key);
-        if (now && seen) to([now.at[0] + dx * seen.scale, now.at[1] - dy * seen.scale]);
+        const table = draft ?? current()?.table ?? {};
+        const now = gripsOf(table, current()?.fitted ?? null).find((one) => one.key === g.key);
+        const [x, y] = placeOf(table).to(now?.at ?? [0, 0]);
+        if (now && seen) to([x + dx * seen.scale, y - dy * seen.scale]);
       },
       held(is) {
         const shape = current();
@@ -305,7 +301,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
   function choose(/** @type {string} */ id) {
     chosen = chosen === id ? "" : id;
     const shape = current();
-    if (shape?.table.kind === "line") shown(gripsOf(shape.table)[1].at, gripsOf(shape.table)[2].at);
+    if (shape?.table.kind === "line") shown(.../** @type {[Point, Point]} */ (gripsOf(shape.table).slice(1, 3).map((g) => placeOf(shape.table).to(g.at))));
     drawAll();
   }
 
@@ -344,11 +340,12 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
     learn(header) {
       for (const one of header.stages ?? []) if (one.centre) centres.set(one.index, one.centre);
       if (header.rows && !header.is_preview) marks = marksOf(header.rows);
-      if ("pixel" in header) step = header.pixel ? setPixel(Math.min(...header.pixel)) : 0; // 0: no scale
+      if ("pixel" in header) step = setPixel(header.pixel, header.first ?? undefined);
       draw();
     },
     reset() {
       [tool, chosen, pen, draft, held, step] = ["", "", [], null, "", 0];
+      setPixel([1e-6, 1e-6]); // until a map says otherwise
       [centres, marks] = [new Map(), new Map()];
       pad.hidden = true;
     },

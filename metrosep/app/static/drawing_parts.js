@@ -1,7 +1,7 @@
 // @ts-check
 // The parts of drawing on the map: the tools, the list of shapes with what may be typed, and their outlines.
 
-import { dragged, kindOf, outline, pointText, simplified, written } from "./shapes.js";
+import { dragged, kindOf, outline, placeOf, pointText, simplified, written } from "./shapes.js";
 
 /** @typedef {Record<string, any>} Dict */
 /** @typedef {import("./shapes.js").Point} Point */
@@ -42,8 +42,8 @@ export function shapesOf(now, centres) {
   ];
 }
 
-/** Ends of the straight sections, of steps and grooves from their one face to the other, x0, y0, x1, y1 in m. @param {Shape[]} all */
-export const linesOf = (all) => all.filter((one) => ["line", "step", "groove"].includes(one.table.kind)).map((one) => outline(one.table).lines[0].points.flat());
+/** Ends of the straight sections, of steps and grooves from their one face to the other, x0, y0, x1, y1 on the map. @param {Shape[]} all */
+export const linesOf = (all) => all.filter((one) => ["line", "step", "groove"].includes(one.table.kind)).map((one) => outline(one.table).lines[0].points.flatMap(placeOf(one.table).to));
 
 /**
  * Return what the points of a gesture mean so far.
@@ -54,11 +54,11 @@ export const linesOf = (all) => all.filter((one) => ["line", "step", "groove"].i
  * @returns {Dict | null}
  */
 export function meant(tool, points, near, radius) {
-  if (tool === "polygon") return { shape: "polygon", points: points.map(pointText) };
-  if (tool === "free") return { shape: "polygon", points: simplified(points, near).map(pointText) };
-  if (tool === "brush") return { shape: "brush", radius: written(radius), points: simplified(points, near).map(pointText) };
+  if (tool === "polygon") return { shape: "polygon", points: points.map((p) => pointText(p)) };
+  if (tool === "free") return { shape: "polygon", points: simplified(points, near).map((p) => pointText(p)) };
+  if (tool === "brush") return { shape: "brush", radius: written(radius), points: simplified(points, near).map((p) => pointText(p)) };
   if (tool === "distance") {
-    const [a, b, c] = points.map(pointText);
+    const [a, b, c] = points.map((p) => pointText(p));
     return c ? { kind: "angle", a, b, c } : b ? { kind: "distance", a, b } : null;
   }
   return points.length > 1 ? dragged(tool, points[0], points[points.length - 1]) : null;
@@ -147,16 +147,20 @@ export function node(name, keys) {
  * @param {Dict} table
  * @param {Point | null} fitted
  * @param {string} name class
- * @param {(p: Point) => number[]} toScreen
- * @param {number} scale m for a pixel of the screen
+ * @param {(p: Point) => number[]} toScreen of a point of the map
+ * @param {number} scale of the map for a pixel of the screen
  * @param {[Point, number][]} marks peaks (1: the tip points down to it) and valleys (-1)
  */
 export function groupOf(table, fitted, name, toScreen, scale, marks = []) {
   const { circles, lines } = outline(table, fitted);
+  const { to, sides: [dx, dy] } = placeOf(table);
+  const on = (/** @type {Point} */ p) => toScreen(to(p));
   const group = node("g", { class: `draw-shape ${name}` });
+  /** Of the map for one of the shape, across its first line. @param {Point[]} points */
+  const across = ([a, b]) => (b ? Math.hypot((b[1] - a[1]) * dx, (b[0] - a[0]) * dy) / (Math.hypot(b[0] - a[0], b[1] - a[1]) || 1) : dx);
   const both = (/** @type {string} */ tag, /** @type {Dict} */ keys) => group.append(node(tag, { ...keys, class: "under" }), node(tag, { ...keys, class: "over" }));
   for (const [p, sign] of marks) {
-    const [x, y] = toScreen(p);
+    const [x, y] = on(p);
     const d = 7 * sign;
     if (!Number.isFinite(x)) continue;
     both("polygon", { points: `${x},${y} ${x - 6},${y - d * 1.6} ${x + 6},${y - d * 1.6}`, class: "mark" });
@@ -165,13 +169,16 @@ export function groupOf(table, fitted, name, toScreen, scale, marks = []) {
     group.append(word);
   }
   for (const { c, r } of circles) {
-    const [cx, cy] = toScreen(c);
-    if (Number.isFinite(cx)) both("circle", { cx, cy, r: r / scale });
+    const [cx, cy] = on(c);
+    const [rx, ry] = [(r * dx) / scale, (r * dy) / scale];
+    if (!Number.isFinite(cx)) continue;
+    if (rx === ry) both("circle", { cx, cy, r: rx });
+    else both("ellipse", { cx, cy, rx, ry });
   }
   for (const { points, closed, width } of lines) {
-    const text = points.map((p) => toScreen(p).map((v) => v.toFixed(2)).join(",")).join(" ");
+    const text = points.map((p) => on(p).map((v) => v.toFixed(2)).join(",")).join(" ");
     if (text.includes("NaN")) continue;
-    if (width) group.append(node("polyline", { points: text, class: `band${kindOf(table) === "brush" ? " round" : ""}`, "stroke-width": width / scale }));
+    if (width) group.append(node("polyline", { points: text, class: `band${kindOf(table) === "brush" ? " round" : ""}`, "stroke-width": (width * across(points)) / scale }));
     both(closed ? "polygon" : "polyline", { points: text });
   }
   return group;

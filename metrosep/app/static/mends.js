@@ -43,7 +43,7 @@ export function mendButtons(mends, make, done = () => {}) {
 export function scaleLine(make, session, length, scale) {
   const line = document.createElement("p");
   line.className = "scale-line";
-  line.append("No lateral scale: lengths are in px, drawing waits. ");
+  line.append("No lateral scale: lengths and shapes are in px. ");
   const button = Object.assign(document.createElement("button"), { type: "button", className: "small", textContent: "Give the scale\u2026" });
   button.addEventListener("click", async () => {
     const px = length();

@@ -271,18 +271,18 @@ export function makeMetrics(el, verdictEl, edit) {
     const none = !(session?.checks ?? []).length;
     const state = !found || found.is_preview ? null : VERDICTS[found.verdict];
     if (found?.failed) word.textContent = `No verdict: step ${found.failed.index + 1} failed`;
-    else if (none && !found?.mends?.length) word.textContent = "No limits set: click a metric";
     else if (found?.refused) {
       word.textContent = `No verdict: ${found.refused}`;
       if (found.mends?.length) word.append(mendButtons(found.mends, edit));
       word.style.fontSize = "12px";
     }
+    else if (none) word.textContent = "No limits set: click a metric";
     else if (state) {
       verdictEl.className = found?.verdict;
       sign.textContent = state.sign;
       word.textContent = state.word;
     } else word.textContent = "… waits for the full resolution";
-    if (none && !found?.mends?.length) word.style.fontSize = "13px";
+    if (none && !found?.refused) word.style.fontSize = "13px";
     verdictEl.replaceChildren(...(sign.textContent ? [sign] : []), word);
   }
 

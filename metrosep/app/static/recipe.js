@@ -1,7 +1,7 @@
 // @ts-check
 // Edits of the recipe: what was there and what shall be. The page has no other state of its own.
 
-import { written } from "./shapes.js";
+import { countsPixels, written } from "./shapes.js";
 
 /** @typedef {{ path: (string | number)[], old: any, new: any }} Edit */
 /** @typedef {Record<string, any>} Dict */
@@ -94,14 +94,14 @@ export function ownSize(kind, before, usual) {
  * Return a step to begin with.
  * @param {string} op
  * @param {string} kind map or profile
- * @param {number} size of what was measured, m
- * @param {number} [middle] of what was measured, along x, m
+ * @param {number} size of what was measured, m, or px of a map without scale
+ * @param {number} [middle] of what was measured, along x
  * @returns {Dict}
  */
 export function freshStep(op, kind, size, middle = 0) {
+  const pixels = kind === "map" && countsPixels();
   const length = size > 0 ? size : 1e-3;
-  const mm = (/** @type {number} */ v) => `${Number((v * 1e3).toPrecision(3))} mm`;
-  const width = mm(0.9 * length);
+  const width = pixels ? written(Math.round(0.9 * length)) : `${Number((0.9e3 * length).toPrecision(3))} mm`;
   if (kind === "map" && op === "mask") return { op, aperture: { shape: "circle", diameter: width, centre: "fit" } };
   if (op === "mask" || op === "crop") {
     return { op: "mask", aperture: { shape: "rectangle", width, ...(kind === "map" ? { height: width } : {}), centre: "fit" } };
@@ -109,7 +109,7 @@ export function freshStep(op, kind, size, middle = 0) {
   if (op === "form") return { op, form: kind === "map" ? "plane" : "polynomial: degree=1" };
   if (op === "filter") return { op, kind: "gaussian", lambda_c: near(length / 5) };
   if (op === "psd") return { op, limit: `rms = 10 nm from ${near(length / 50)} to ${near(length / 5)}` };
-  if (op === "step_height") return { op, width: near(length / 5), middle: written(middle) };
+  if (op === "step_height") return { op, width: pixels ? written(Math.round(length / 5)) : near(length / 5), middle: written(middle) };
   if (op === "surface_profile" || op === "line_profile") return { op, form: "sphere: R=50 mm" };
   return { op };
 }

@@ -1,31 +1,64 @@
 // @ts-check
 // Shapes on a map: what a gesture means in the recipe, and where the recipe lies on the map. Tables hold
-// texts with units, as a person types them; here everything is in metres. Nothing touches the page.
+// texts with units, as a person types them; here everything is in metres, or in px of the full map where a table
+// counts pixels. Nothing touches the page.
 
 /** @typedef {Record<string, any>} Dict */
 /** @typedef {[number, number]} Point */
 /** @typedef {{ key: string, at: Point, label: string }} Grip */
 
-const UNITS = /** @type {Record<string, number>} */ ({ nm: 1e-9, um: 1e-6, "µm": 1e-6, "μm": 1e-6, mm: 1e-3, cm: 1e-2, m: 1, in: 25.4e-3 });
+const UNITS = /** @type {Record<string, number>} */ ({ nm: 1e-9, um: 1e-6, "µm": 1e-6, "μm": 1e-6, mm: 1e-3, cm: 1e-2, m: 1, in: 25.4e-3, px: 1, pixel: 1, pixels: 1 });
 const NUMBER = /^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([a-zA-Zµμ]+)\s*$/i;
 
 /** Digits behind the point of a millimetre; the map says how many its pixels deserve. */
 let decimals = 6;
 
-/** @param {number} pixel m: the finest step of the map; texts keep a thousandth of it */
-export function setPixel(pixel) {
-  if (pixel > 0) decimals = Math.max(0, Math.min(12, Math.ceil(-Math.log10(pixel * 1e3)) + 3));
+/** Steps of the map and its first pixel, m; null where it has no scale. @type {{ steps: number[], first: number[] } | null} */
+let grid = null;
+/** What new shapes are written in. */
+let base = "mm";
+
+/**
+ * Take the scale of a map: texts keep a thousandth of its pixels.
+ * @param {number[] | null} steps along x and y, m; null: shapes count pixels
+ * @param {number[]} first x and y of the first pixel, m
+ * @returns {number} the finest step, 1 px where it is not known
+ */
+export function setPixel(steps, first = [0, 0]) {
+  grid = steps ? { steps, first } : null;
+  base = steps ? "mm" : "px";
+  const pixel = steps ? Math.min(...steps) : 1;
+  if (steps) decimals = Math.max(0, Math.min(12, Math.ceil(-Math.log10(pixel * 1e3)) + 3));
   return pixel;
 }
 
-/** @param {any} text @returns {number} m, NaN where the page does not know the unit */
+/** Whether new shapes count pixels. */
+export const countsPixels = () => base === "px";
+
+/** What a shape is written in: px, or mm for every unit of length. @param {Dict} t */
+const unitOf = (t) => (/\d\s*p(x|ixel)/.test(JSON.stringify([t.diameter, t.radius, t.width, t.points, t.a, t.centre])) ? "px" : "mm");
+
+/** Where a shape lies on the map: its own coordinates are those of the map, or px of a map with a scale. @param {Dict} t */
+export function placeOf(t) {
+  const [same, unit] = [(/** @type {Point} */ p) => p, unitOf(t)];
+  if (!grid || unit !== "px") return { to: same, from: same, sides: [1, 1], unit };
+  const { steps: [dx, dy], first: [x, y] } = grid;
+  return {
+    to: (/** @type {Point} */ p) => /** @type {Point} */ ([x + p[0] * dx, y + p[1] * dy]),
+    from: (/** @type {Point} */ p) => /** @type {Point} */ ([(p[0] - x) / dx, (p[1] - y) / dy]),
+    sides: [dx, dy],
+    unit,
+  };
+}
+
+/** @param {any} text @returns {number} m, or px; NaN where the page does not know the unit */
 export function metres(text) {
   const found = NUMBER.exec(String(text));
   return found && UNITS[found[2]] ? Number(found[1]) * UNITS[found[2]] : NaN;
 }
 
-/** @param {number} value m @returns {string} */
-export const written = (value) => `${Number((value * 1e3).toFixed(decimals)) + 0} mm`;
+/** @param {number} value m, or px @returns {string} */
+export const written = (value, unit = base) => (unit === "px" ? `${Number(value.toFixed(3)) + 0} px` : `${Number((value * 1e3).toFixed(decimals)) + 0} mm`);
 
 /** @param {any} value "1 mm, 2 mm", or two texts @returns {Point} */
 export function pointOf(value) {
@@ -34,7 +67,7 @@ export function pointOf(value) {
 }
 
 /** @param {Point} p */
-export const pointText = (p) => `${written(p[0])}, ${written(p[1])}`;
+export const pointText = (p, unit = base) => `${written(p[0], unit)}, ${written(p[1], unit)}`;
 
 /** @param {any} text @returns {number} rad */
 function radians(text) {
@@ -44,7 +77,7 @@ function radians(text) {
 }
 
 const degrees = (/** @type {number} */ v) => `${Number(((v * 180) / Math.PI).toFixed(3)) + 0} deg`;
-const size = (/** @type {number} */ v) => written(Math.max(v, 10 ** -decimals * 1e-3));
+const size = (/** @type {number} */ v, unit = base) => written(Math.max(v, unit === "px" ? 1e-3 : 10 ** -decimals * 1e-3), unit);
 const plus = (/** @type {Point} */ p, /** @type {number} */ x, /** @type {number} */ y) => /** @type {Point} */ ([p[0] + x, p[1] + y]);
 const away = (/** @type {Point} */ p, /** @type {Point} */ q) => Math.hypot(p[0] - q[0], p[1] - q[1]);
 const between = (/** @type {Point} */ p, /** @type {Point} */ q) => /** @type {Point} */ ([(p[0] + q[0]) / 2, (p[1] + q[1]) / 2]);
@@ -162,8 +195,8 @@ function beside(t) {
 
 /** @param {Dict} t @param {number} i @param {Point} p */
 function withPoint(t, i, p) {
-  if (!t.points) return { ...t, ["abc"[i]]: pointText(p) };
-  return { ...t, points: t.points.map((/** @type {any} */ one, /** @type {number} */ k) => (k === i ? pointText(p) : one)) };
+  if (!t.points) return { ...t, ["abc"[i]]: pointText(p, unitOf(t)) };
+  return { ...t, points: t.points.map((/** @type {any} */ one, /** @type {number} */ k) => (k === i ? pointText(p, unitOf(t)) : one)) };
 }
 
 /**
@@ -178,23 +211,23 @@ export function moved(t, key, p, fitted = null) {
   const m = middle(t, fitted);
   if (key === "move") {
     const [dx, dy] = [p[0] - m[0], p[1] - m[1]];
-    if (isRound(t) || kindOf(t) === "rectangle") return { ...t, centre: "kind" in t ? pointText(p) : [written(p[0]), written(p[1])] };
+    if (isRound(t) || kindOf(t) === "rectangle") return { ...t, centre: "kind" in t ? pointText(p, unitOf(t)) : [written(p[0], unitOf(t)), written(p[1], unitOf(t))] };
     return corners(t).reduce((s, q, i) => withPoint(s, i, plus(q, dx, dy)), t);
   }
-  if (key === "radius") return "radius" in t ? { ...t, radius: size(away(m, p)) } : { ...t, diameter: size(2 * away(m, p)) };
-  if (key === "inner") return { ...t, inner_diameter: size(2 * away(m, p)) };
-  if (key === "brush") return { ...t, radius: size(away(corners(t)[0], p)) };
+  if (key === "radius") return "radius" in t ? { ...t, radius: size(away(m, p), unitOf(t)) } : { ...t, diameter: size(2 * away(m, p), unitOf(t)) };
+  if (key === "inner") return { ...t, inner_diameter: size(2 * away(m, p), unitOf(t)) };
+  if (key === "brush") return { ...t, radius: size(away(corners(t)[0], p), unitOf(t)) };
   if (key === "turn") return { ...t, angle: degrees(Math.atan2(p[1] - m[1], p[0] - m[0])) };
   if (key === "corner") {
     const { angle } = turned(t, m);
     const [x, y] = [p[0] - m[0], p[1] - m[1]];
     const [u, v] = [x * Math.cos(angle) + y * Math.sin(angle), y * Math.cos(angle) - x * Math.sin(angle)];
-    return { ...t, width: size(2 * Math.abs(u)), height: size(2 * Math.abs(v)) };
+    return { ...t, width: size(2 * Math.abs(u), unitOf(t)), height: size(2 * Math.abs(v), unitOf(t)) };
   }
   if (key === "width") {
     const [a, b] = corners(t);
     const across = Math.abs((p[0] - a[0]) * (b[1] - a[1]) - (p[1] - a[1]) * (b[0] - a[0])) / (away(a, b) || 1);
-    return { ...t, width: size(2 * across) };
+    return { ...t, width: size(2 * across, unitOf(t)) };
   }
   return withPoint(t, Number(key.split(" ")[1]), p);
 }
@@ -211,7 +244,7 @@ export function withCorner(t, p) {
   const n = kindOf(t) === "polygon" ? points.length : points.length - 1;
   const far = Array.from({ length: n }, (_, i) => toSegment(p, points[i], points[(i + 1) % points.length]));
   const at = far.indexOf(Math.min(...far)) + 1;
-  return { ...t, points: [...t.points.slice(0, at), pointText(p), ...t.points.slice(at)] };
+  return { ...t, points: [...t.points.slice(0, at), pointText(p, unitOf(t)), ...t.points.slice(at)] };
 }
 
 /** @param {Point} p @param {Point} a @param {Point} b */

@@ -265,6 +265,7 @@ def _by_shape(blocks: list[str], row: int, mover: Mover, state: ModalState, out:
 def _by_token(block: str, row: int, state: ModalState, out: Columns) -> None:
     line = out.line + row
     if state.ended:
+        state.refuse_behind(block, line)
         return
     tokens = tokenize(block, line)
     moves = state.apply(tokens, line)
@@ -387,7 +388,7 @@ def check_size(values: FloatArray, letter: str, columns: Columns) -> None:
     if large.any():
         i = int(np.flatnonzero(large)[0])
         raise DataError(
-            f"line {columns.line_of(i)}: {letter} is {values[i]:.6g}; no machine goes there"
+            f"line {columns.line_of(i)}: {letter} is {values[i]:.6g}, beyond the travel of any machine; check the number and its unit"
         )
 
 

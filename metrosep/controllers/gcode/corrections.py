@@ -73,6 +73,10 @@ class PathCorrection:
     reach: str = ""
 
 
+class _Form(Protocol):
+    def gradient(self, x: ArrayLike, y: ArrayLike = 0.0) -> tuple[FloatArray, FloatArray]: ...
+
+
 class _Area(Protocol):
     def correction(self, x: ArrayLike, y: ArrayLike) -> FloatArray: ...
 
@@ -85,6 +89,8 @@ def error_correction(
     centre: tuple[float, float] | Literal["middle"] = (0.0, 0.0),
     slope: Callable[[FloatArray, FloatArray], ArrayLike] | None = None,
     move_x: bool = False,
+    nose: float | str = 0.0,
+    form: _Form | None = None,
 ) -> PathCorrection:
     """Return the correction c = -e of a measured error of the part.
 
@@ -105,6 +111,11 @@ def error_correction(
         along the normal of the surface; None if along z.
     move_x : bool, optional
         With `slope`: shift the tool along the normal, X as well as Z.
+    nose : float, m, optional
+        Radius of the nose, where the path is that of its tip or centre: the error is looked up where the nose
+        touches `form`. 0 for a path of points of the surface.
+    form : Form, optional
+        Nominal form about the spindle axis, needed with `nose`.
 
     Returns
     -------
@@ -116,7 +127,7 @@ def error_correction(
     ------
     DataError
         If `c_sense` is neither 1 nor -1, `c_zero` or `centre` is not finite, `move_x` is asked for without a
-        slope, or `error` is none of these.
+        slope, `nose` is below zero, has no form or goes with `slope`, or `error` is none of these.
     InvalidSamplesError
         If a map has no lateral step, fewer than two rows or columns, or no value at all.
 
@@ -126,6 +137,9 @@ def error_correction(
     moves the surface along its normal by c_z cos t, hence c_z = -e_n / cos t. Moving both,
     (c_x, c_z) = -e_n (-sin t, cos t). A slope around the circumference is not taken into account:
     Z alone then lacks a second-order part, e_n (dz/(r dC))^2 / 2.
+
+    A nose of radius r touches the part at X_c where its tip or centre stands at X = X_c - r sin t(X_c).
+    Looked up at X, an error of wavelength w would leave 2 pi r sin t / w of itself.
 
     Examples
     --------
@@ -150,12 +164,22 @@ def error_correction(
         return at
 
     middle = _centre(error, centre)
+    nose = numbers.not_negative(nose, "nose", dimension="length")
     made = (placed(lookup), None if edge is None else placed(edge))
+    if nose > 0.0:
+        if form is None or slope is not None:
+            raise DataError(
+                "nose goes with form, the nominal form of the part, and not with slope"
+            )
+        touched = _touched(form, nose, c_sense if around else 0, c_zero if around else 0.0)
+        made = (_at(touched, made[0]), None if made[1] is None else _at(touched, made[1]))
 
     audit |= {
         "sign": "error e = actual - nominal; correction c = -e is added to Z",
         "normal_to_surface": slope is not None,
     }
+    if nose > 0.0:
+        audit |= {"nose_m": nose, "form": repr(form)}
     if around:
         audit |= {"c_sense": c_sense, "c_zero_rad": float(c_zero), "centre_m": list(middle)}
     if slope is None:
@@ -167,6 +191,54 @@ def error_correction(
             made[0], slope, move_x=move_x, needs_c=around, pitch=pitch, audit=audit
         )
     return replace(correction, reach=_reach(error, middle))
+
+
+def _at(touched: Lookup, found: Lookup) -> Lookup:
+    """Return a lookup at the contact; where the form has none, a measured value is a gap."""
+
+    def at(x: FloatArray, c: FloatArray) -> FloatArray:
+        place = touched(x, c)
+        none = np.isnan(place)
+        values = np.asarray(found(np.where(none, x, place), c))
+        return np.where(none & np.isfinite(values), np.nan, values)
+
+    return at
+
+
+def _touched(form: _Form, nose: float, c_sense: int, c_zero: float) -> Lookup:
+    """Return X_c of X_c - r sin t(X_c) = X by Newton's steps; NaN where the form does not reach."""
+
+    def sine(x: FloatArray, angle: FloatArray) -> FloatArray:
+        along_x, along_y = form.gradient(x * np.cos(angle), x * np.sin(angle))
+        steep = along_x * np.cos(angle) + along_y * np.sin(angle)
+        return np.asarray(steep / np.hypot(1.0, steep))
+
+    def at(x: FloatArray, c: FloatArray) -> FloatArray:
+        angle = c_sense * c + c_zero if c_sense else np.zeros(x.shape)
+        step, place = _NOSE_STEP * nose, np.array(x)
+        reached = np.isfinite(sine(place, angle))
+        for _ in range(_NOSE_STEPS):
+            low, high = sine(place - step, angle), sine(place + step, angle)
+            rise = 1.0 - nose * (high - low) / (2.0 * step)
+            if (rise[reached] <= 0.0).any():
+                raise DataError(
+                    f"a nose of {1e3 * nose:.4g} mm does not fit into the form: its hollows are narrower; check "
+                    "nose and form"
+                )
+            off = place - nose * sine(place, angle) - x
+            go = np.isfinite(off) & np.isfinite(rise)
+            reached &= go
+            place[go] -= off[go] / rise[go]
+        missed = reached & (np.abs(off) > _NOSE_ROUNDING * nose)
+        if missed.any():
+            where = 1e3 * float(x[np.flatnonzero(missed)[0]])
+            raise DataError(
+                f"the place where the nose touches the form is not found at X = {where:.6g} mm; the form is too "
+                "rough for this nose"
+            )
+        return np.where(reached, place, np.nan)
+
+    return at
 
 
 def _reach(error: object, middle: tuple[float, float]) -> str:
@@ -565,6 +637,9 @@ def _with_edge(z: FloatArray, *, hold: bool) -> FloatArray:
 
 
 _MOST_TURNS = 20
+
+_NOSE_STEPS, _NOSE_STEP, _NOSE_ROUNDING = 12, 1e-4, 1e-7
+"""Newton's steps to the contact, and shares of the nose: of its difference step, and what may be missed."""
 
 _EDGE = 1e-9
 """Share of a step by which rounding may miss a node or leave the map (4.5 mm / 0.5 mm in binary)."""

@@ -491,7 +491,7 @@ def rows_of(
             if abs(value) > _LARGEST or digits > 3 * _MOST_DIGITS:
                 raise CorruptFileError(
                     path,
-                    f"line {number + 1}: {text[:40]!r} in column {letter}: no machine goes there",
+                    f"line {number + 1}: {text[:40]!r} in column {letter}: beyond the travel of any machine; check the number and its unit",
                 )
             values[letter].append(value)
             out.texts[letter].append(text)

@@ -273,8 +273,12 @@ class Rewriter:
         i = int(np.flatnonzero(outside)[0])
         line = self._line_of(columns, known, i)
         if self.settings.outside == "refuse":
+            halved = (
+                self.state.diameter is None
+                and "X words are taken as radii: if they are diameters, say diameter=True; else "
+            )
             raise InvalidSamplesError(
-                f"line {line}: {_place(places, i)} is beyond the map{self._reach()}; measure a larger "
+                f"line {line}: {_place(places, i)} is beyond the map{self._reach()}; {halved or ''}measure a larger "
                 "area, or say outside='zero' (no correction there) or outside='hold' (the value at the edge)"
             )
         self.tally.outside += int(outside.sum()) if is_z else 0

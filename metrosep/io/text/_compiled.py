@@ -10,6 +10,7 @@ import csv
 import io
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
 from itertools import chain
 from typing import Any, Final, overload
 
@@ -21,11 +22,14 @@ from metrosep.core._arrays import FloatArray
 
 __all__ = [
     "Stamps",
+    "Words",
     "columns_of",
+    "different",
     "may_hold_comments",
     "may_hold_words",
     "n_in",
     "single_blanks",
+    "stacked",
     "without_groups",
     "without_quotes",
     "words_in",
@@ -273,13 +277,65 @@ class Stamps(Sequence[str]):
         """Whether no text is a word."""
         return bool((self.codes[:, 0] - np.uint8(ord("0")) < np.uint8(10)).all())
 
+
+class Words(Sequence[str]):
+    """Texts of which there are few different ones, such as a status: most readers ask which these are."""
+
+    def __init__(self, different: Sequence[str], codes: NDArray[np.integer[Any]]) -> None:
+        self.known = np.array([*different, ""], dtype=object)[:-1]  # shape (m,); a row has one
+        self.codes = codes  # shape (n,): place of the text of each row among these
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+    @overload
+    def __getitem__(self, i: int) -> str: ...
+    @overload
+    def __getitem__(self, i: slice) -> Words: ...
+    def __getitem__(self, i: int | slice) -> str | Words:
+        if isinstance(i, slice):
+            return Words(self.known.tolist(), self.codes[i])
+        return str(self.known[self.codes[i]])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.known[self.codes].tolist())
+
+    def __contains__(self, text: object) -> bool:
+        return text in self.different
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return self.known.astype(dtype or np.str_)[self.codes]
+
+    @cached_property
+    def different(self) -> tuple[str, ...]:
+        """The texts in the order in which they first stand."""
+        n = len(self.codes)
+        first = np.full(len(self.known), n)
+        first[self.codes[::-1]] = np.arange(n)[::-1]  # the last of several writes remains
+        return tuple(str(self.known[k]) for k in np.argsort(first) if first[k] < n)
+
     @classmethod
-    def below(cls, parts: Sequence[Sequence[str]]) -> Sequence[str]:
-        """Return columns of texts one below the other: stamps where all are of one width, else a list."""
-        codes = [p.codes for p in parts if isinstance(p, Stamps)]
-        if parts and len(codes) == len(parts) and len({c.shape[1] for c in codes}) == 1:
-            return cls(np.concatenate(codes))
-        return list(chain.from_iterable(parts))
+    def below(cls, parts: Sequence[Words]) -> Words:
+        """Return columns one below the other."""
+        place = {t: k for k, t in enumerate(dict.fromkeys(t for p in parts for t in p.known))}
+        codes = [np.array([place[t] for t in p.known], dtype=np.int32)[p.codes] for p in parts]
+        return cls(list(place), np.concatenate(codes))
+
+
+def different(texts: Iterable[str]) -> tuple[str, ...]:
+    """Return the texts that differ from each other, in the order in which they first stand."""
+    return texts.different if isinstance(texts, Words) else tuple(dict.fromkeys(texts))
+
+
+def stacked(parts: Sequence[Sequence[str]]) -> Sequence[str]:
+    """Return columns of texts one below the other: stamps where all are of one width, words where all have few, else a list."""
+    codes = [p.codes for p in parts if isinstance(p, Stamps)]
+    if parts and len(codes) == len(parts) and len({c.shape[1] for c in codes}) == 1:
+        return Stamps(np.concatenate(codes))
+    words = [p for p in parts if isinstance(p, Words)]
+    if parts and len(words) == len(parts):
+        return Words.below(words)
+    return list(chain.from_iterable(parts))
 
 
 def _stamps(
@@ -291,6 +347,13 @@ def _stamps(
     """
     if not text.isascii() or any(b in text for b in _BLANKS.replace(" ", "")) or all(labels):
         return None
+    first, second, _ = f"{text[:_FIRST]}\n\n".split("\n", 2)
+    places = [k for k, label in enumerate(labels) if label]
+    tops = [row.split(mark) for row in (first, second) if row.count(mark) == len(labels) - 1]
+    if len(tops) < 2 or any(
+        len(tops[0][k]) < _FEW or len(tops[0][k]) != len(tops[1][k]) for k in places
+    ):
+        return None  # no need to look at all of them
     octets = np.frombuffer(text.encode(), dtype=np.uint8)
     at = np.flatnonzero((octets == ord(mark)) | (octets == ord("\n")))
     if at.size != n_lines * len(labels) or n_lines < len(labels) + _FEW:
@@ -332,7 +395,7 @@ _FIRST: Final = 2**13
 """Characters of the rows that show whether words repeat."""
 
 
-def _texts(values: Any, *, has_blanks: bool) -> list[str]:
+def _texts(values: Any, *, has_blanks: bool) -> Sequence[str]:
     """Return a column of words; ValueError where a parser took one for an empty field."""
     is_few = hasattr(values, "cat")
     words: list[str] = (
@@ -345,5 +408,4 @@ def _texts(values: Any, *, has_blanks: bool) -> list[str]:
     codes = values.cat.codes.to_numpy()
     if codes.size and codes.min() < 0:
         raise ValueError
-    texts: list[str] = np.array(words, dtype=object)[codes].tolist()
-    return texts
+    return Words(words, codes)

@@ -28,16 +28,15 @@ from metrosep.io.text._compiled import (
     may_hold_words,
     n_in,
     single_blanks,
+    stacked,
     without_groups,
     without_quotes,
     words_in,
 )
 from metrosep.io.text.dialect import (
-    BEYOND,
     LONGEST_FIELD,
     MARKS,
     NO_COMMENT,
-    NO_READING,
     NUMBER_LIKE,
     Layout,
     bare_unit,
@@ -55,15 +54,17 @@ from metrosep.io.text.lines import (
     may_go_on,
     one_or_thousand,
     refuse_quotes,
+    row_in_comment,
+    stray_text,
 )
 from metrosep.io.text.quality import changes_row
+from metrosep.io.text.words import BEYOND, NO_READING
 
 __all__ = [
     "DECIMAL_SHOWN",
     "Block",
     "Body",
     "joined",
-    "row_in_comment",
 ]
 
 _PART: Final = 2**20
@@ -81,8 +82,8 @@ DECIMAL_SHOWN = {
 
 _REMARK = re.compile(r"\s+[#%]\s*[^\W\d].*")
 """What somebody wrote behind a row."""
-_COUNTED = re.compile(r"\(\d+ [^\W\d]+\)|\d+ rows? in set\b.*")
-"""What a database writes below a table: (20 rows), 20 rows in set (0.00 sec)."""
+_COUNTED = re.compile(r"\(\d+ [^\W\d]+(?: [^\W\d]+)?\)|\d+ rows? in set\b.*")
+"""What a database writes below a table: (20 rows), (20 rows affected), 20 rows in set (0.00 sec)."""
 _RULED = "-=*~_<>[] "
 """What people put round a line below a table: --- end ---."""
 
@@ -135,7 +136,7 @@ def joined(blocks: Iterable[Block], labels: Sequence[bool], size: int) -> Block:
         n = end
     for kept in (lines, *(c for c in columns if not isinstance(c, list))):
         kept.resize(n, refcheck=False)
-    return Block([Stamps.below(c) if isinstance(c, list) else c for c in columns], lines)
+    return Block([stacked(c) if isinstance(c, list) else c for c in columns], lines)
 
 
 class Body:
@@ -506,6 +507,7 @@ class Body:
     def _line_by_line(self, text: str, first: int, *, last: bool) -> Block:
         dialect, options = self._layout.dialect, self._options
         every = text.split("\n")
+        self._first, self._every = first, every
         if every[-1] == "":
             every.pop()
             last_open = 0
@@ -737,13 +739,8 @@ class Body:
         for number, line, empty in self._pending:
             if not empty:
                 self._refuse_damaged(number, line)
-                raise self._file.corrupt(
-                    "a line of text stands within the table",
-                    field=f"line {number}",
-                    expected=f"{self._n} fields ({self._layout.dialect})",
-                    found=repr(line.strip()[:60]),
-                    hint=f"if it may be omitted, give {self._file.without_lines(number)}; else split the file there",
-                )
+                below = self._every[max(number + 1 - self._first, 0) :]
+                raise stray_text(self._file, self._layout, line, number, below)
         waiting = [number for number, *_ in self._pending]
         self._pending = []
         return waiting
@@ -881,18 +878,6 @@ def _has_empty(column: FloatArray | Sequence[str]) -> bool:
     if isinstance(column, Stamps):
         return False
     return bool(np.isnan(column).any()) if isinstance(column, np.ndarray) else "" in column
-
-
-def row_in_comment(fields: Sequence[str], layout: Layout) -> bool:
-    """Whether the fields of a comment are those of a row, with a number where one belongs."""
-    first = fields[0].strip().lstrip('#%!/; "')
-    own = [first or fields[0], *fields[1:]] if first or layout.labels[0] else list(fields[1:])
-    kinds = [
-        "number" if layout.dialect.plain(f) is not None else f.strip().lower() in NO_READING
-        for f, label in zip(own, layout.labels, strict=False)
-        if not label
-    ]
-    return len(own) >= layout.n == n_used(own) and all(kinds) and "number" in kinds
 
 
 def _rows(n: int) -> str:

@@ -80,10 +80,12 @@ def read(asked: Request) -> Surface:
     scale = wavelength * _MICROMETRE / counts
     warnings = file.cut_text()
     raw = _integers(file, header, asked.max_pixels)
-    z = scaled(raw, scale, _missing(file, header, raw, warnings))
+    own = _own_notes(header.comments)
+    z = scaled(raw, scale, _missing(file, header, raw, warnings)) + own.middle
     return asked.surface(
         z,
-        _own_steps(header.comments),
+        own.steps,
+        origin=own.origin,
         row_order="top row first",
         header={"title": header.title, "comments": header.comments, **header.keywords},
         warnings=warnings,
@@ -174,14 +176,36 @@ def _integers(file: RawFile, header: _Header, max_pixels: int | None) -> FloatAr
     return raw.reshape(rows, columns)
 
 
-def _own_steps(comments: list[str]) -> tuple[float | None, float | None]:
-    """Return dx and dy in m where metrosep wrote the file and states them; the format has none."""
-    number = r"(\d[\d.]*(?:e[+-]?\d+)?)"
-    stated = re.compile(rf"lateral steps dx = {number} m, dy = {number} m")
-    found = [m for c in comments if (m := stated.fullmatch(c))]
-    if len(found) != 1 or not comments[0].startswith(_OWN):
-        return None, None
-    return float(found[0][1]), float(found[0][2])
+class _Own(NamedTuple):
+    """What metrosep states in the comments of its own files, in m; the format has none of it."""
+
+    steps: tuple[float | None, float | None] = (None, None)
+    middle: float = 0.0
+    origin: tuple[float, float] = (0.0, 0.0)
+
+
+_NUMBER = r"(-?\d[\d.]*(?:e[+-]?\d+)?)"
+_STEPS = re.compile(rf"lateral steps dx = {_NUMBER} m, dy = {_NUMBER} m")
+_MIDDLE = re.compile(rf"height of count 0: {_NUMBER} m")
+_ORIGIN = re.compile(rf"first pixel at x = {_NUMBER} m, y = {_NUMBER} m")
+
+
+def _own_notes(comments: list[str]) -> _Own:
+    """Return the steps, the height of count 0 and the origin where metrosep wrote the file; no comment twice."""
+    if not comments or not comments[0].startswith(_OWN):
+        return _Own()
+    stated = (
+        [m for c in comments if (m := pattern.fullmatch(c))]
+        for pattern in (_STEPS, _MIDDLE, _ORIGIN)
+    )
+    steps, middle, origin = (
+        [*map(float, own[0].groups())] if len(own) == 1 else [] for own in stated
+    )
+    return _Own(
+        (steps[0], steps[1]) if steps else (None, None),
+        middle[0] if middle else 0.0,
+        (origin[0], origin[1]) if origin else (0.0, 0.0),
+    )
 
 
 def _missing(
@@ -199,7 +223,7 @@ def _missing(
 # ---- bytes of a Code V ``.int`` grid from a surface; the same surface gives the same bytes -----
 # The format holds 16-bit counts: heights are rounded to steps of P-V / 65534. The middle between
 # the largest and smallest height becomes 0, since a constant would cost resolution; comments state
-# it, and the title states the step. Written top row first; lines have at most 80 characters. WVL is
+# it, which we read back, and the title states the step. Written top row first; lines have at most 80 characters. WVL is
 # only the unit of SSZ: with 1 um, programs that divide by it where they should multiply (prysm 0.21)
 # read the right heights too.
 
@@ -249,6 +273,7 @@ def int_bytes(
         f"! {_OWN}; top row first, heights point out of the material",
         f"! height of count 0: {middle!r} m",
         f"! lateral steps dx = {surface.dx!r} m, dy = {surface.dy!r} m",
+        "! first pixel at x = {!r} m, y = {!r} m".format(*surface.origin),
         f"{clean} (step {format_length(step, digits=6)})",
         f"GRD {columns} {rows} {kind} WVL {micrometres} SSZ {counts_per_wave} NDA {_MISSING}",
     ]

@@ -16,7 +16,7 @@ from metrosep.core.recording import Recording
 from metrosep.io.declared import Match
 from metrosep.io.registry import BuiltIn, mismatch
 from metrosep.io.source import RawFile, rate_of, refuse_options
-from metrosep.io.text.dialect import MISSING, is_number
+from metrosep.io.text.dialect import is_number
 from metrosep.io.text.logger import (
     Channels,
     first_lines,
@@ -25,6 +25,7 @@ from metrosep.io.text.logger import (
     text_lines,
     to_number,
 )
+from metrosep.io.text.words import MISSING
 
 __all__ = ["camonitor", "pi_gcs_array"]
 

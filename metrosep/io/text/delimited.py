@@ -31,10 +31,9 @@ from metrosep.io.declared import Match
 from metrosep.io.own_notes import is_marked
 from metrosep.io.registry import BuiltIn, demand, sniffer
 from metrosep.io.source import HEAD_BYTES, RawFile
-from metrosep.io.text._compiled import Stamps
+from metrosep.io.text._compiled import Stamps, different
 from metrosep.io.text._rows import Block
 from metrosep.io.text.dialect import (
-    NO_READING,
     Layout,
     bare_unit,
     find_layout,
@@ -49,6 +48,7 @@ from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
 from metrosep.io.text.table import Column, Table, TextTable, markers_in, read_table, text_of
 from metrosep.io.text.times import RunningClock, moments
+from metrosep.io.text.words import NO_READING
 
 __all__ = ["channels", "parquet", "read", "sniff", "sqlite", "worksheet"]
 
@@ -117,8 +117,8 @@ def channels(file: RawFile) -> tuple[str, ...]:
     """Return what ``channel=`` accepts: labels of a column of labels, else column names."""
     table = read_table(file)
     for column in table.columns:
-        if column.labels is not None and len(set(column.labels)) > 1:
-            return tuple(dict.fromkeys(column.labels))
+        if column.labels is not None and len(texts := different(column.labels)) > 1:
+            return texts
     return tuple(c.name for c in table.numbers)
 
 

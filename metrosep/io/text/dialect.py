@@ -25,19 +25,16 @@ from metrosep.core.errors import (
 )
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit, column_unit, parse_unit
-from metrosep.io.text.encoding import ROLE_WORDS, Role
 from metrosep.io.text.times import is_moment
+from metrosep.io.text.words import NO_READING, ROLE_WORDS, Role, is_error_cell
 
 if TYPE_CHECKING:
     from metrosep.io.source import RawFile
 
 __all__ = [
-    "BEYOND",
     "LONGEST_FIELD",
     "MARKS",
-    "MISSING",
     "NO_COMMENT",
-    "NO_READING",
     "NUMBER_LIKE",
     "WORDS",
     "Dialect",
@@ -59,43 +56,9 @@ __all__ = [
     "unmeasured_rows",
 ]
 
-_SPREADSHEET = (
-    "#n/a", "#na", "#nv", "#value!", "#wert!", "#div/0!", "#ref!", "#bezug!", "#num!", "#zahl!",
-    "#name?", "#null!",
-)  # fmt: skip
-"""What a spreadsheet in English or German writes into a cell without a value."""
-
-MISSING: Final = frozenset(
-    {
-        "", "nan", "-nan", "+nan", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind",
-        "-1.#ind", "na", "n/a", "null", "none", "nil", "missing", "bad", "invalid", "void",
-        "no data", "nodata", "(null)", "<na>", "nat", "n.a.", "--.--", "-.---", *_SPREADSHEET,
-    }
-    | {mark * n for mark in "-*" for n in range(1, 25)}
-)  # fmt: skip
-"""Words, in lower case, for "not measured"."""
-
 _NO_DATA = re.compile(r"(?<!\S)no data(?!\S)", re.IGNORECASE)
 """One field, of two words, also where blanks separate the fields."""
 
-BEYOND: Final = frozenset(
-    {"out of range", "over range", "under range", "saturated"}
-    | {s + w for s in ("", "+", "-") for w in ("inf", "infinity", "1.#inf", "\u221e")}
-    | {
-        s + w
-        for s in ("", "+", "-")
-        for w in ("over", "under", "overflow", "overrange", "overload", "ol", "o.l", "ovld")
-    }
-    | {"überlauf", "übersteuert", "hors gamme", "hors plage", "fuori scala", "fuori campo"}
-    | {"fuera de rango", "超量程", "溢出", "オーバー", "範囲外"}
-)
-"""Words, in lower case, for a reading beyond the range of the sensor."""
-
-NO_READING: Final = MISSING | BEYOND
-
-_ERROR_CELL = re.compile(
-    rf"(?:{'|'.join(map(re.escape, _SPREADSHEET))})(?=[\s;,|\"]|$)", re.IGNORECASE
-)
 _NUMBER = {
     ".": re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"),
     ",": re.compile(r"[+-]?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][+-]?\d+)?"),
@@ -224,7 +187,7 @@ def is_comment(line: str, prefix: str | None = None) -> bool:
     if prefix is not None:
         return text.startswith(prefix)
     if text.startswith(("#", "%", "!", "//")):
-        return _ERROR_CELL.match(text) is None  # else a row whose first cell has no value
+        return not is_error_cell(text)  # else a row whose first cell has no value
     if re.match(r";[^;\s]+[^;]*;", text):
         return False  # names or values behind an empty field
     if text.startswith(";"):
@@ -348,7 +311,7 @@ _NO_NAMES = frozenset({"=", ":=", ":", "[", "{", "(", "|"})
 
 def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
     """Return the names of `n_columns` columns from a line above a table."""
-    text = line.strip()
+    text = line.strip(" " if separator == "\t" else None)
     patterns = {
         "\t": r"\t",
         ";": ";",
@@ -870,6 +833,11 @@ def _looks_like_thousands(body: list[str], dialect: Dialect) -> bool:
 def _no_dialect(sample: list[str], path: object) -> ReadError:
     grouped = [s for s in sample if _THOUSANDS_SPACE.search(s) or re.search(r"\d'\d{3}", s)]
     mixed = [line for line in sample if re.search(r"\d,\d{3}\.\d|\d\.\d{3},\d", line)]
+    if lakhs := [s for s in sample if re.search(r"(?<!\d)\d{1,2}(?:,\d\d)+,\d{3}(?!\d)", s)]:
+        return AmbiguousFormatError(
+            f"{path}: the line {lakhs[0].strip()[:60]!r} holds numbers in groups of two digits (lakh, crore), which "
+            "are not read; export it without groups"
+        )
     if grouped or mixed:
         return AmbiguousFormatError(
             f"{path}: the line {(mixed or grouped)[0].strip()[:60]!r} seems to hold numbers in groups of "

@@ -7,15 +7,14 @@ import itertools
 import re
 import unicodedata
 from functools import lru_cache
-from typing import Final, Literal, TypeAlias
+from typing import Final
 
 from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.units import FOREIGN_SPELLINGS
 from metrosep.io.source import HEAD_BYTES, RawFile
+from metrosep.io.text.words import ROLE_WORDS
 
 __all__ = [
-    "ROLE_WORDS",
-    "Role",
     "decode",
     "encoding_of",
     "encoding_of_head",
@@ -26,42 +25,10 @@ __all__ = [
     "zero_byte",
 ]
 
-Role: TypeAlias = Literal[
-    "position", "height", "time", "feed", "run", "direction", "angle", "temperature", "index"
-]
-
-ROLE_WORDS: Final[dict[Role, str]] = {
-    "position": "x pos position encoder distance travel displacement lateral scanlength target nominal "
-    "axisposition weg strecke lage verfahrweg soll sollwert sollposition zielposition déplacement course abscisse cible "
-    "posizione spostamento corsa distanza quota posición desplazamiento distancia recorrido carrera "
-    "位置 位移 距离 行程 坐标 変位量 距離 移動量 座標 "
-    "координата положение перемещение расстояние",
-    "height": "z height deviation dev error err sensor cap straightness profile reading probe gap topography höhe "
-    "abweichung abw fehler geradheit profil messwert taster spalt hauteur écart erreur rectitude lecture "
-    "palpeur altezza scostamento errore rettilineità profilo lettura altura desviación rectitud "
-    "perfil lectura palpador 高度 偏差 误差 直线度 轮廓 读数 高さ 誤差 真直度 形状 測定値 "
-    "отклонение погрешность высота профиль показание",
-    "time": "t time clock timestamp elapsed zeit zeitstempel uhrzeit datum temps heure date horodatage "
-    "tempo ora data tiempo hora fecha 时间 時間 时刻 日期 時刻 日時 測定日時 "
-    "время дата",
-    "feed": "feed feedrate f speed velocity vorschub geschwindigkeit avance vitesse avanzamento "
-    "velocità velocidad 进给 进给速度 速度 送り 送り速度 "
-    "подача скорость",
-    "run": "run pass cycle trace repeat repetition lauf messung zyklus wiederholung fahrt passe essai "
-    "répétition prova ciclo passata ripetizione pasada ensayo repetición 次数 循环 序列 回 回数 サイクル "
-    "проход цикл",
-    "direction": "direction dir richtung sens verso sentido dirección 方向 направление",
-    "angle": "angle theta phi rotation c winkel drehwinkel angolo ángulo 角度 回転角 угол",
-    "temperature": "temp temperature temperatur température temperatura 温度 температура",
-    "index": "no nr n n° num number # i k id idx index row line rec record obs seq count counter sample point "
-    "lfdnr nummer zeile zähler datensatz punkt pkt messpunkt numéro ligne numero riga progressivo "
-    "punto número núm fila línea 序号 编号 行号 行 点 番号 行番号 連番 項番 ナンバー номер п/п строка точка",
-}
-"""What columns are called in English, German, French, Italian, Spanish, Chinese, Japanese and Russian."""
-
 _ABOVE: Final = (
     "测量 采样 频率 周期 通道 设备 仪器 操作员 文件 单位 最大 最小 平均 传感器 编号 数据 结果 公司 "
     "計測 測定 周期 周波数 保存 装置 作業者 最大 最小 平均 番号 データ 結果 判定 "
+    "年 月 日 时 時 分 秒 上午 下午 午前 午後 "
     "измерение прибор оператор канал частота файл среднее датчик"
 )
 """Words that stand above tables beside the names of the columns; full-width kana are known one by one."""
@@ -282,6 +249,10 @@ def _known_share(sample: bytes, page: str) -> float:
         text = unicodedata.normalize("NFC", sample.decode(page)).casefold()
     except UnicodeDecodeError:
         return 0.0
+    if page == "gb18030":
+        text = text.replace(
+            "\xa0", "\u202f"
+        )  # two of its four bytes are digits: it is none by chance
     beyond = _beyond_ascii(text)
     return sum(_beyond_ascii(m) for m in _KNOWN.findall(text)) / beyond if beyond else 0.0
 

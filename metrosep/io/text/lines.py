@@ -12,7 +12,8 @@ import numpy as np
 
 from metrosep.core.errors import AmbiguousFormatError, CorruptFileError
 from metrosep.io.source import RawFile
-from metrosep.io.text.dialect import NO_READING, NUMBER_LIKE, is_comment
+from metrosep.io.text.dialect import NUMBER_LIKE, Layout, header_unit, is_comment, n_used
+from metrosep.io.text.words import NO_READING
 
 __all__ = [
     "Ledger",
@@ -27,6 +28,8 @@ __all__ = [
     "may_go_on",
     "one_or_thousand",
     "refuse_quotes",
+    "row_in_comment",
+    "stray_text",
     "unframed",
 ]
 
@@ -144,11 +147,24 @@ def one_or_thousand(
     )
 
 
+_ODD_MINUS = re.compile(
+    r"\(\s*([\d.,]+)\s*\)|([\d.,]+)\s*[-\u2212]|[-\u2212\u2013\u00ad]\s*([\d.,]+)"
+)
+"""A number below zero as bookkeepers, word processors and typesetters write it."""
+
+
 def bad_field(
     file: RawFile, line: int, field: str, where: str, what: str = "number"
 ) -> CorruptFileError:
     """Return the error about a field that is not a number, or whatever the others are."""
     grouped = re.fullmatch(r"[+-]?\d{1,3}(?:([.,'])\d{3})+(?:[.,]\d+)?", field)
+    if below := _ODD_MINUS.fullmatch(field):
+        return file.corrupt(
+            f"{where} holds a number with its minus behind it, apart from it, or in brackets for a minus",
+            field=f"line {line}",
+            found=repr(field[:40]),
+            hint=f"write it as -{next(filter(None, below.groups()))}, and all others alike",
+        )
     options = f"{file.also_missing(field[:40])} if it means not measured, {file.without_lines(line)} to leave the line out"
     if grouped:
         options = f'thousands="{grouped.group(1)}" if its digits are in groups, {options}'
@@ -159,6 +175,52 @@ def bad_field(
         found=repr(field[:40]),
         hint=f"correct that line, or give {options}",
     )
+
+
+_DIGITS = re.compile(r"\d+")
+
+
+def stray_text(
+    file: RawFile, layout: Layout, line: str, number: int, below: Sequence[str]
+) -> CorruptFileError:
+    """Return the error about a line of words between rows, which may name the columns of another table."""
+    fields = [f.strip() for f in layout.dialect.split([line])[0]]
+    if len(fields) == layout.n and all(f[:1].isalpha() for f in fields):
+        n = next((k for k, text in enumerate(below) if not text.strip()), len(below))
+        if any(header_unit(f)[1] for f in fields):
+            return file.corrupt(
+                "another table begins below the rows of the first one",
+                field=f"line {number}",
+                found=repr(line.strip()[:60]),
+                hint=f"leave out what stands above it with skip_rows='{number - 1}', or, if the first table is wanted, "
+                f"leave out this one with {file.without_lines(*range(number, number + n + 1))}",
+            )
+    shape = _DIGITS.sub(
+        "0", line.strip()
+    )  # also Run 3, Run 4: each would be the next to be refused
+    alike = [k for k, t in enumerate(below, number + 1) if _DIGITS.sub("0", t.strip()) == shape]
+    also = f" (and {len(alike)} more like it)" if alike else ""
+    return file.corrupt(
+        "a line of text stands within the table",
+        field=f"line {number}",
+        expected=f"{layout.n} fields ({layout.dialect})",
+        found=repr(line.strip()[:60]) + also,
+        hint=f"if it may be omitted, give {file.without_lines(number, *alike)}; else split the file there",
+    )
+
+
+def row_in_comment(fields: Sequence[str], layout: Layout) -> bool:
+    """Whether the fields of a comment are those of a row, with a number where one belongs."""
+    first = fields[0].strip().lstrip('#%!/; "')
+    own = [first or (fields[0] if layout.labels[0] else ""), *fields[1:]]
+    if not own[0] and (len(fields) > layout.n or layout.dialect.separator in {" ", ", "}):
+        del own[0]  # elsewhere the mark alone takes the place of a number
+    kinds = [
+        "number" if layout.dialect.plain(f) is not None else f.strip().lower() in NO_READING
+        for f, label in zip(own, layout.labels, strict=False)
+        if not label
+    ]
+    return len(own) >= layout.n == n_used(own) and all(kinds) and "number" in kinds
 
 
 def cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:

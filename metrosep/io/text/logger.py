@@ -30,8 +30,9 @@ from metrosep.core.recording import Recording
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.objects import SI_NAMES
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.text.dialect import MISSING, holds_counts, is_number
+from metrosep.io.text.dialect import holds_counts, is_number
 from metrosep.io.text.encoding import decode
+from metrosep.io.text.words import MISSING
 
 __all__ = [
     "Channels",

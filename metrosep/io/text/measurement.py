@@ -45,6 +45,7 @@ from metrosep.io.objects import SI_NAMES, make_surface, rows_of_matrix, scaled, 
 from metrosep.io.own_notes import header_notes
 from metrosep.io.several_runs import BLOCKS, FoundRuns, SeveralRunsError, table_advice
 from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
+from metrosep.io.text._compiled import different
 from metrosep.io.text.dialect import header_unit, holds_counts, is_other_unit
 from metrosep.io.text.matrices import (
     declared_units,
@@ -199,7 +200,7 @@ def _rows_of(
     """Return the rows of one label, and the labels that all its rows share."""
     labelled = [c for c in table.columns if c.labels is not None] if channel is not None else []
     for column in labelled:
-        if channel in (column.labels or ()) and len(set(column.labels or ())) > 1:
+        if channel in (column.labels or ()) and len(different(column.labels or ())) > 1:
             keep = np.array([label == channel for label in column.labels or ()])
             table, channel = _take(table, keep), None
             break
@@ -207,16 +208,16 @@ def _rows_of(
     for column in table.columns:
         if column.labels is None:
             continue
-        different = tuple(dict.fromkeys(column.labels))
-        if len(different) == 1:
-            shared[column.name] = different[0]
-        elif len(table.numbers) == 2 and _is_stacked(column.labels, different):
+        texts = different(column.labels)
+        if len(texts) == 1:
+            shared[column.name] = texts[0]
+        elif len(table.numbers) == 2 and _is_stacked(column.labels, texts):
             found = runs_in(table)
             if found is not None and found.run == column.name:
                 raise SeveralRunsError(file.path, found)
             raise FormatMismatchError(
-                f"{file.path}: column {column.name!r} stacks {len(different)} data sets "
-                f"({', '.join(different[:4])}); choose one with channel={different[0]!r}"
+                f"{file.path}: column {column.name!r} stacks {len(texts)} data sets "
+                f"({', '.join(texts[:4])}); choose one with channel={texts[0]!r}"
             )
     return table, channel, shared
 
@@ -227,7 +228,7 @@ def _omitted(table: Table) -> Iterator[str]:
         texts = (
             []
             if c.name in table.header.get("undecided", ())
-            else sorted(filter(None, set(c.labels or ())))
+            else sorted(filter(None, different(c.labels or ())))
         )
         numbers = [t for t in texts if _NUMBER_AND_UNIT.fullmatch(t)]
         if 2 * len(numbers) > len(texts) and numbers[0] != numbers[-1]:
@@ -750,7 +751,8 @@ _BEGIN = frozenset("0123456789+-.,(\u2212")
 
 
 def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
-    n = len(table.numbers)
+    numbers = tuple(c.name for c in table.numbers)
+    n = len(numbers)
     found = runs_in(table)
     if found is not None:
         return SeveralRunsError(file.path, found)
@@ -777,7 +779,8 @@ def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
     if n == 1:
         advice = "give the step of the positions with lateral_step='... um', or sampling_rate="
     else:
-        run = next((c.name for c in table.columns if role_of(c.name) == "run"), "COLUMN")
+        runs = (c.name for c in table.columns if role_of(c.name) == "run" and c.unit is None)
+        run = next(runs, "COLUMN")
         call = shlex.join(["--x", "COLUMN", "--z", "COLUMN", "--run", run])
         advice = (
             "name two with x= and z=, give sampling_rate= for a recording without a column of time, or "
@@ -786,7 +789,7 @@ def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
         if is_matrix(table):
             advice += "; for a map of heights give unit='nm' and lateral_step='3 um'"
     return FormatMismatchError(
-        f"{file.path}: has {n} column(s) of numbers ({shown_columns(table.names)}) and none is a time; "
+        f"{file.path}: has {n} column(s) of numbers ({shown_columns(numbers)}) and none is a time; "
         f"{advice}"
     )
 

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.io.text.dialect import BEYOND, bare_unit, is_other_unit
+from metrosep.io.text._compiled import different
+from metrosep.io.text.dialect import bare_unit, is_other_unit
+from metrosep.io.text.words import BEYOND
 
 if TYPE_CHECKING:
     from metrosep.io.source import RawFile
@@ -174,7 +176,7 @@ def bad_rows(
             return np.empty(0, dtype=np.intp), ""
         at = np.flatnonzero(values == float(not means_good))
         return at, f"{0 if means_good else 1}"
-    kinds = {t: t.strip().strip('"').casefold() for t in set(labels)}
+    kinds = {t: t.strip().strip('"').casefold() for t in different(labels)}
     if {t for t in kinds.values() if t} <= _TRUTH:
         wanted = _FALSE if means_good else _TRUE
         bad = {t for t, plain in kinds.items() if means_good is not None and plain in wanted}

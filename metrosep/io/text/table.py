@@ -29,17 +29,15 @@ from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.own_notes import is_marked
 from metrosep.io.source import RawFile
+from metrosep.io.text._compiled import Words, different
 from metrosep.io.text._rows import (
     DECIMAL_SHOWN,
     Block,
     Body,
     joined,
-    row_in_comment,
 )
 from metrosep.io.text.dialect import (
-    BEYOND,
     NO_COMMENT,
-    NO_READING,
     find_layout,
     is_comment,
     number_of,
@@ -66,6 +64,7 @@ from metrosep.io.text.lines import (
     lines_of_field,
     one_or_thousand,
     refuse_quotes,
+    row_in_comment,
     unframed,
 )
 from metrosep.io.text.preamble import BEGUN, Preamble, names_a_number
@@ -78,6 +77,7 @@ from metrosep.io.text.times import (
     may_be_minutes,
     moments,
 )
+from metrosep.io.text.words import BEYOND, NO_READING
 
 __all__ = [
     "AS_THEY_FOLLOW",
@@ -190,7 +190,9 @@ def read_table(file: RawFile, *, is_named: bool = False, **text: Any) -> Table:
     columns = [
         Column(name, unit, values)
         if isinstance(values, np.ndarray)
-        else Column(name, unit, None, values if is_dated else tuple(values))
+        else Column(
+            name, unit, None, values if is_dated or isinstance(values, Words) else tuple(values)
+        )
         for name, unit, values, is_dated in zip(
             source.head.names, source.head.units, rows.columns, dated, strict=True
         )
@@ -242,7 +244,7 @@ def text_of(file: RawFile, options: TextOptions | Mapping[str, Any]) -> RawFile:
 
 def _is_empty(column: Column) -> bool:
     if column.values is None:
-        return not any(column.labels or ())
+        return not any(different(column.labels or ()))
     return bool(np.isnan(column.values).all())
 
 
@@ -264,7 +266,7 @@ def _with_quantities(
     for k, column in enumerate(columns):
         if column.labels is None or column.name in dated:
             continue
-        kinds = {t: "" if t.lower() in words else t for t in set(column.labels)}
+        kinds = {t: "" if t.lower() in words else t for t in different(column.labels)}
         if markers:  # also without the unit of the others
             kinds = {t: "" if float(plain(s) or "nan") in markers else s for t, s in kinds.items()}
         if not any(t[:1] in _DIGITS for t in kinds.values() if t):
@@ -320,7 +322,7 @@ def _refuse_groups(
     texts = {
         c.name: [number_of(t) for t in c.labels]
         for c in columns
-        if c.labels is not None and any(quantity(t, dialect) for t in c.labels)
+        if c.labels is not None and any(quantity(t, dialect) for t in different(c.labels))
     }
     values = [c.values for c in columns if c.values is not None]
     if any(np.any(v[np.isfinite(v)] % 1.0) for v in values):
@@ -409,7 +411,7 @@ def with_moments(
         Column(c.name, unit, m.seconds)
         if (m := found.get(k)) is not None and np.any(m.seconds)
         else c
-        if c.labels is None
+        if c.labels is None or isinstance(c.labels, Words)
         else replace(c, labels=tuple(c.labels))
         for k, c in enumerate(columns)
     ]
@@ -787,6 +789,10 @@ class TableHead:
             if kind == "comment":
                 is_named = _NUMBER_SIGN.match(line)  # the name of the first column is #
                 marks = " \t" if is_named else '#%!;/" \t'
+                if line.lstrip()[0] == layout.dialect.separator and layout.n == len(
+                    layout.dialect.split([line])[0]
+                ):
+                    marks = " \t"  # the first column has no name
                 self.comments.append(line.strip().lstrip(marks).rstrip('"'))
                 commented = place if is_named else 0
         preamble.take_comment(self.comments, commented)

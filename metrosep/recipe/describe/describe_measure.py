@@ -10,7 +10,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.profile import Profile
 from metrosep.core.readable import readable_unit
 from metrosep.core.surface import Surface
-from metrosep.core.units import format_length
+from metrosep.core.units import Pixels, format_length
 from metrosep.recipe.describe.charts import (
     curve,
     curve_chart,
@@ -166,13 +166,19 @@ def _drawn(section: MapSection) -> dict[str, Any]:
     along = "arc from +x to +y" if section.kind == "circle" else "distance from a"
     lines = [panel("", "m", [curve("", profile.x, profile.z)], quantity="height")]
     title = f"Section {section.name}"
-    return curve_chart(title, (along, "m"), lines, caption=_GAPS)
+    return curve_chart(title, (along, section.along), lines, caption=_GAPS)
 
 
 def _section(section: MapSection) -> dict[str, Any]:
     """Return a section as plain values, SI."""
+
+    def typed(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return [typed(v) for v in value]
+        return str(value) if isinstance(value, Pixels) else value
+
     return {
-        **{k: list(v) if isinstance(v, tuple) else v for k, v in section.keys.items()},
+        **{k: typed(v) for k, v in section.keys.items()},
         "found": {k: q.to_dict() for k, q in section.found.items()},
         "messages": list(section.messages),
     }
@@ -301,8 +307,9 @@ def _words(stage: Stage) -> str:
         return f"{audit['taken_out']} heights removed, {audit['left']} left"
     if stage.op == "form":
         free = ", ".join(k for k, v in audit["parameters"].items() if v["free"])
+        over = "over pixels" if "over" in audit else free
         return (
-            f"{audit['form']} fitted to {audit['n_points']} points ({free}); RMS "
+            f"{audit['form']} fitted to {audit['n_points']} points ({over}); RMS "
             f"{format_length(audit['rms_m'])} and P-V {format_length(plain(audit['pv_m']))} left"
         )
     if stage.op == "filter":

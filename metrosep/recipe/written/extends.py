@@ -232,8 +232,8 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
 def _read(target: Path, wanted: str, place: Place) -> str:
     try:
         return read_plain_text(target, RECIPE_BYTES).removeprefix(_BYTE_ORDER_MARK)
-    except (OSError, UnicodeDecodeError) as exc:
-        reason = getattr(exc, "strerror", None) or exc
+    except OSError as exc:
+        reason = exc.strerror or exc
         raise place.error(
             f'extends = "{wanted}": that recipe cannot be read ({reason}); its name starts at the '
             "folder of this one",

@@ -342,7 +342,9 @@ def _sampled(
     """Positions, error and standard uncertainty of an axis on the grid of the map."""
     if isinstance(item, ErrorEstimate):
         if u is not None:
-            raise DataError(f"u_{axis} is for a profile; the estimate along {axis} brings its own")
+            raise DataError(
+                f"u_{axis} is for a profile; the estimate along {axis} has its own: leave u_{axis} out"
+            )
         grid = _grid(item.start, item.stop, step, axis)
         return grid, item.evaluate(grid), item.sd(grid)
     if not isinstance(item, Profile):

@@ -47,6 +47,9 @@ _LONGEST = 200.0
 _APART = (0.02, 1e-3)
 """Share of the travel, and m; no axis is further off, and air is 0.03 %."""
 
+_LINE = 86
+"""Letters of a description between its brackets; what is more is cut."""
+
 _NEAR_ZERO = 1e-3
 """Of the largest reading; the first reading this near to the smallest counts as the zero."""
 
@@ -99,6 +102,21 @@ class LaserSetup:
             return self.options.get(name)
         dimension = KINDS[SETUP[name].kind].dimension
         return usual if dimension is None else parse_quantity(usual, dimension=dimension)
+
+    def __eq__(self, other: object) -> bool:
+        return self.options == other.options if isinstance(other, LaserSetup) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self.options.items()))
+
+    def __repr__(self) -> str:
+        said = []
+        for name, value in self.options.items():
+            dimension = KINDS[SETUP[name].kind].dimension
+            is_typed = dimension is not None and isinstance(value, float)
+            said.append(f"{name}={typed_number(value, dimension) if is_typed else value!r}")
+        text = ", ".join(said)
+        return f"LaserSetup({text if len(text) <= _LINE else text[: _LINE - 3] + '...'})"
 
     def correct(self, reading: ArrayLike, **columns: ArrayLike) -> LaserCorrections:
         """Return what is to be added to readings.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -38,6 +38,12 @@ EQUAL_STEPS = (
     "the targets stand at equal steps: an error that repeats with them, such as that of a screw of this "
     "pitch, is not seen; add a random part to each target"
 )
+_TURN = 2.0 * math.pi
+"""One turn, rad."""
+_ONE_PLACE = math.radians(1e-6)
+"""Deviation from one turn that decimals of degrees explain."""
+_BY_CHANCE = 1e-3
+"""Share of sound lists whose two ends of a turn are taken for two places."""
 _SPLIT = 2.0
 """Lost motion goes into the table if it exceeds so many standard uncertainties of its mean."""
 
@@ -70,6 +76,8 @@ class PitchErrors:
         What was assumed, and what is not known.
     history : tuple of Step
         From the file on.
+    is_closed : bool
+        Whether first and last target are one place, a turn apart, with the mean of their readings.
     """
 
     positions: FloatArray
@@ -85,6 +93,7 @@ class PitchErrors:
     u_lost_motion: float | None = None
     messages: tuple[str, ...] = ()
     history: tuple[Step, ...] = ()
+    is_closed: bool = False
 
     @property
     def expansion_removed(self) -> float:
@@ -111,6 +120,8 @@ class PitchErrors:
 
     def curve(self, direction: int = 1) -> Callable[[ArrayLike], FloatArray]:
         """Return the error of a direction as a function, linear between targets and held beyond them.
+
+        A turn that is closed goes on beyond them.
 
         Parameters
         ----------
@@ -139,7 +150,10 @@ class PitchErrors:
         values = np.mean(found, axis=0)
 
         def error(position: ArrayLike) -> FloatArray:
-            return np.asarray(np.interp(np.asarray(position, float), self.positions, values))
+            p = np.asarray(position, float)
+            if self.is_closed:
+                p = self.positions[0] + np.mod(p - self.positions[0], _TURN)
+            return np.asarray(np.interp(p, self.positions, values))
 
         return error
 
@@ -269,6 +283,9 @@ def pitch_errors(
             f"{_shown(p[-1], unit)}: the error there is not known; state the home position, or measure "
             "there"
         )
+    apart = {n: m[-1] - m[0] for n, m in means.items() if m is not None}
+    is_turn = unit == "rad" and abs(p[-1] - p[0] - _TURN) <= _ONE_PLACE
+    is_closed = is_turn and _closed(cycles, means)
     errors = {n: None if v is None else v - heat.slope * (p - zero) for n, v in means.items()}
     names = {1: "forward", -1: "reverse"}
     wanted = [names[d] for d in REFERENCE_DIRECTIONS[reference_direction]]
@@ -279,6 +296,13 @@ def pitch_errors(
         )
     offset = float(np.mean([np.interp(zero, p, errors[n]) for n in wanted]))  # type: ignore[arg-type]
     said = heat.messages if unit == "m" else ()
+    if is_closed and any(apart.values()):
+        said = (
+            (
+                f"{math.degrees(p[0]):.9g} and {math.degrees(p[-1]):.9g} deg are one place: their readings, "
+                "which differ by no more than their scatter, are averaged"
+            ),
+        )
     if np.ptp(np.diff(p)) <= _SAME_STEP * step:
         said = (*said, EQUAL_STEPS)
     wanted_cycles = [cycles[n] for n in wanted]
@@ -295,6 +319,7 @@ def pitch_errors(
         lost_motion=lost,
         u_lost_motion=u_lost,
         messages=(*said, *messages),
+        is_closed=is_closed,
     )
 
 
@@ -332,6 +357,29 @@ def _mean(cycles: FloatArray, p: FloatArray, name: str, unit: str) -> FloatArray
             "directions, or measure it"
         )
     return np.asarray(np.nanmean(cycles, axis=1))
+
+
+def _closed(cycles: Mapping[str, FloatArray | None], means: dict[str, FloatArray | None]) -> bool:
+    """Give both ends of a turn the mean of their readings, unless they differ by more than scatter does."""
+    from scipy.stats import t as student
+
+    ways = {n: (m, c) for n, m in means.items() if m is not None and (c := cycles[n]) is not None}
+    for mean, readings in ways.values():
+        step = float(mean[-1] - mean[0])
+        apart = readings - np.nanmean(readings, axis=0)  # less what a whole cycle shares
+        counts = (~np.isnan(apart)).sum(axis=1)
+        freedom = int((counts - 1).sum()) - (readings.shape[1] - 1)
+        if step != 0.0 and freedom < 1:
+            return False
+        if step != 0.0:
+            left = np.nansum((apart - np.nanmean(apart, axis=1)[:, None]) ** 2)
+            u = math.sqrt(left / freedom * (1.0 / counts[0] + 1.0 / counts[-1]))
+            if abs(step) > float(student.ppf(1.0 - 0.5 * _BY_CHANCE, freedom)) * u:
+                return False
+    for name, (mean, _) in ways.items():
+        end = 0.5 * (mean[0] + mean[-1])
+        means[name] = np.r_[end, mean[1:-1], end]
+    return True
 
 
 def _scatter(

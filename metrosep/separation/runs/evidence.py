@@ -10,13 +10,14 @@ the last without geometry. :math:`\hat S` equals the sample variance of Z, so :m
 free of bias and may be negative. Only runs of different feedrates are evidence: at one feedrate a
 vibration locked to the start repeats as well as geometry does.
 
-Source: the project's separation notes, section 3; Benjamini and Hochberg 1995.
+Source: the project's separation notes, section 3; Benjamini and Hochberg 1995; Fisher 1929 (test of
+the greatest share).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -499,17 +500,51 @@ def noise_peaks(model: AutoregressiveModel, *, n_max: int = 4) -> list[float]:
     return [f for _, f in sorted(found, reverse=True)[:n_max]]
 
 
+_ONE_RUN = 1e-3
+"""Chance by which a vibration of all runs would have so much of its power in one of them."""
+
+
+def _held_by_all(frequency: float, records: Sequence[FloatArray], time_step: float) -> bool:
+    """Tell whether a resonance is of all runs, and not of one that differs, such as a displaced one.
+
+    Powers of R runs at one frequency are exponential: the greatest has a share above g by a chance
+    of at most R (1 - g)^(R - 1) (Fisher 1929).
+    """
+    if len(records) < 3:
+        return True
+    power = []
+    for record in records:
+        known = np.flatnonzero(~np.isnan(record))
+        turn = np.exp(-2j * math.pi * frequency * time_step * known)
+        power.append(float(abs(turn @ record[known]) ** 2) / max(known.size, 1))
+    share = max(power) / max(sum(power), 1e-300)
+    return len(power) * (1.0 - share) ** (len(power) - 1) > _ONE_RUN
+
+
 def explain_disturbances(
-    solution: Solution, runs: RunSet, spectrum: Mapping[str, list[Any]]
+    solution: Solution,
+    runs: RunSet,
+    spectrum: Mapping[str, list[Any]],
+    records: Sequence[Sequence[FloatArray]],
 ) -> tuple[str, ...]:
-    """Name vibrations that fall onto a wavelength of the geometry at some feedrate."""
+    """Name vibrations that fall onto a wavelength of the geometry at some feedrate.
+
+    `records` are the residuals of the runs of each noise model.
+    """
     low, high = runs.full_travel
     travel = high - low
     waves = [
         w * 1e-3 for w, s in zip(spectrum["wavelength_mm"], spectrum["selected"], strict=True) if s
     ]
     sentences = []
-    found = sorted({round(f, 1) for m in solution.noise for f in noise_peaks(m)})
+    found = sorted(
+        {
+            round(f, 1)
+            for m, own in zip(solution.noise, records, strict=True)
+            for f in noise_peaks(m)
+            if _held_by_all(f, own, m.time_step)
+        }
+    )
     cell = max(runs.feeds) / travel  # noise models of two sampling rates see the same vibration
     for i, frequency in enumerate(found):
         if i and frequency - found[i - 1] < 0.25 * cell:

@@ -211,7 +211,7 @@ def separate_joint(
             n_selected=n_selected,
         ),
         *explain_lag(solution, mode=mode, n_selected=n_selected),
-        *explain_disturbances(solution, runs, spectrum),
+        *explain_disturbances(solution, runs, spectrum, _by_noise(prepared, solution)),
         *explain_slip(solution, sparse=slip == "sparse", placed=options.position_offsets),
         *explain_displacement(solution),
         *explain_positions(
@@ -647,17 +647,21 @@ def _under_a_line(solution: Solution, runs: RunSet, wavelength: FloatArray) -> d
     return taken
 
 
+def _by_noise(runs: Sequence[PreparedRun], solution: Solution) -> list[list[FloatArray]]:
+    """Return the residuals of the runs of each noise model, rejected samples bridged."""
+    out: list[list[FloatArray]] = [[] for _ in solution.noise]
+    steps = np.array([m.time_step for m in solution.noise])
+    for run, record in zip(runs, solution.bridged, strict=True):
+        out[int(np.argmin(np.abs(steps - run.time_step)))].append(record)
+    return out
+
+
 def residual_psd_columns(runs: list[PreparedRun], solution: Solution) -> dict[str, list[Any]]:
     """Return the spectrum of the residual at the sampling interval that most samples have."""
-    steps = [m.time_step for m in solution.noise]
-    owner = [int(np.argmin([abs(r.time_step - s) for s in steps])) for r in runs]
-    sizes = [
-        sum(r.x.size for r, o in zip(runs, owner, strict=True) if o == g)
-        for g in range(len(steps))
-    ]
-    group = int(np.argmax(sizes))
+    groups = _by_noise(runs, solution)
+    group = int(np.argmax([sum(r.size for r in own) for own in groups]))
     model = solution.noise[group]
-    records = [r for r, o in zip(solution.bridged, owner, strict=True) if o == group]
+    records = groups[group]
     size = _unbroken_segment(records)
     if size < _SHORTEST_SEGMENT:  # an estimate must not fail for want of a picture
         return {"frequency_hz": [], "psd_nm2_per_hz": [], "model_nm2_per_hz": []}

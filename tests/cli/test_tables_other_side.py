@@ -1,0 +1,252 @@
+"""Tables of awkward lists, read as their control reads them by code of its own, on a machine made of numpy."""
+
+import re
+
+import numpy as np
+import pytest
+
+UM = 1e-3
+"""A micrometre in mm."""
+ARCSEC = 1.0 / 3600.0
+"""An arc second in degrees."""
+NOISE = 0.02
+"""Standard deviation of a reading in um or arcsec; the mean of five cycles has half of that."""
+LEFT = 6.0 * NOISE
+"""What may be left P-V of a line of some dozen means of five readings, in um or arcsec."""
+
+COLUMNS = ["--direction", "dir", "--readings", "r1,r2,r3,r4,r5"]
+SENSE = ["--deviation", "reached-minus-target"]
+
+
+def written(path, targets, error, *, unit, seed):
+    """Write a list of five cycles; `error` is of (position, direction), in the unit of the readings."""
+    rng = np.random.default_rng(seed)
+    size = {"mm": "um", "deg": "arcsec"}[unit]
+    lines = [f"target_{unit},dir," + ",".join(f"r{k}_{size}" for k in range(1, 6))]
+    for way in (1, -1):
+        for target in targets[::way]:
+            readings = error(target, way) + rng.normal(0.0, NOISE, 5)
+            fields = ",".join(f"{r:.4f}" for r in readings)
+            lines.append(f"{target:.4f},{'+' if way > 0 else '-'},{fields}")
+    path.write_text("\n".join(lines) + "\n")
+    names = ",".join(f"r{k}_{size}" for k in range(1, 6))
+    return [path, "--target", f"target_{unit}", "--direction", "dir", "--readings", names, *SENSE]
+
+
+def left(correction, error, positions, scale):
+    """Return P-V of each direction and the mean of reverse - forward of what is left, in um or arcsec."""
+    ways = []
+    for way in (1, -1):
+        c = np.asarray(correction(positions, way))
+        ways.append(c / scale + error(positions + c, way))
+    return max(np.ptp(w) for w in ways), float(np.mean(ways[1] - ways[0]))
+
+
+# ---- Turbo PMAC: entries in 1/16 count, one spacing from the zero of the motor on, modulo the span
+
+
+def pmac(text, count):
+    code = re.sub(r";.*", "", text)
+    n, span, entries = re.search(r"DEFINE COMP (\d+),#1D,#1,(\d+)\s([-\d\s]+?)I51", code).groups()
+    values = np.array([0, *map(int, entries.split())])
+    assert values.size == int(n) + 1
+    nodes = np.arange(int(n) + 1) * int(span) / int(n)
+    return lambda p, way: (
+        np.interp(np.mod(np.asarray(p) / count, int(span)), nodes, values) / 16 * count
+    )
+
+
+def travelled(p, way):
+    return (
+        -0.012 * p
+        + 2 * np.sin(2 * np.pi * (p - 20) / 170)
+        + 0.7 * np.sin(p / 23)
+        - 1.1 * (way < 0)
+    )
+
+
+def test_a_table_of_the_machine_that_rolls_over_is_added_below_zero_too(tmp_path, metrosep):
+    count = 1e-4
+    zeroed = lambda p: 0.6 * (-0.012 * p + 2 * np.sin(2 * np.pi * (p - 20) / 170))  # noqa: E731
+    at = np.arange(1, 26) * 20.0  # over 500 mm; the machine runs from -100 to 200 mm
+    place = np.where(at > 200, at - 500, at)
+    inside = (place >= -60) & (place <= 180)
+    entries = np.where(
+        inside, np.round(-16 * (zeroed(place) - zeroed(0.0)) * UM / count), 0
+    ).astype(int)
+    old = tmp_path / "old.pmc"
+    old.write_text(
+        f"#1 DELETE COMP\n#1 DEFINE COMP 25,#1D,#1,5000000\n{' '.join(map(str, entries))}\nI51=1\n"
+    )
+    before = pmac(old.read_text(), count)
+
+    def seen(p, way):
+        c = float(before(p, way))
+        return c / UM + travelled(p + c, way)
+
+    words = written(tmp_path / "run.csv", np.arange(-100.0, 201.0, 10.0), seen, unit="mm", seed=1)
+    out = tmp_path / "new.pmc"
+    code, _, told = metrosep(
+        "table", *words, "--axis", "X", "--active", old, "--format", "pmac", "--machine", "count=100 nm",
+        "-o", out,
+    )  # fmt: skip
+    assert code == 0, told
+    assert ", -100 ... 200 mm," in told  # not the span of 500 mm
+    positions = np.linspace(-100.0, 200.0, 1501)
+    old_rest, _ = left(before, travelled, positions, UM)
+    rest, _ = left(pmac(out.read_text(), count), travelled, positions, UM)
+    assert old_rest > 6.0  # um: the old table is bad
+    assert rest < LEFT + 0.05  # um: 50 nm of lines between the entries
+
+
+# ---- controls that hold a table for each direction when they are told to
+
+
+def twincat(text):
+    found = []
+    for body, structure in re.findall(
+        r"TableElement := \[(.*?)\];.*?TableParameter := \((.*?)\);", text, re.DOTALL
+    ):
+        rows = np.array(re.findall(r"Position := (\S+), Compensation := (\S+)\)", body), float)
+        way = re.search(r"WorkDirection(\w+)", structure)
+        found.append((rows, "Both" if way is None else way[1], "Modulo := TRUE" in structure))
+
+    def at(p, way):
+        total = np.zeros(np.shape(p))
+        for rows, which, turns in found:
+            if which in ("Both", "Positive" if way > 0 else "Negative"):
+                place = np.mod(p, 360.0) if turns else p
+                total += np.interp(place, rows[:, 0], rows[:, 1])
+        return total
+
+    return at
+
+
+def fanuc(text, unit, zero):
+    words = {int(n): int(v) for n, v in re.findall(r"N(\d+)(?:A\d+)?P(-?\d+)", text)}
+    number, low, high, larger, interval = (words[3620 + k] for k in range(5))
+
+    def line(first, last, reference):
+        steps = np.array([words[10000 + n] for n in range(first, last + 1)]) * unit * larger
+        places = zero + interval * 1e-3 * (np.arange(first - 1, last + 1) - reference)
+        curve = np.concatenate([[0.0], np.cumsum(steps)])
+        return places, curve - np.interp(zero, places, curve)
+
+    ahead = line(low, high, number)
+    back = ahead
+    if 3626 in words:
+        first = words[3626]
+        places, curve = line(first, first + high - low, first + number - low)
+        back = places, curve + words[3627] * unit
+    return lambda p, way: np.interp(p, *(ahead if way > 0 else back))
+
+
+def lossy(p, way):
+    return 2.5 * np.sin(2 * np.pi * (p + 7) / 190) + 0.011 * p - (1.3 + 0.002 * p) * (way < 0)
+
+
+@pytest.mark.parametrize("control", ["twincat", "fanuc"])
+def test_a_control_with_a_list_for_each_direction_gets_both(control, tmp_path, metrosep):
+    targets = np.arange(-120.0, 181.0, 10.0)
+    words = written(tmp_path / "run.csv", targets, lossy, unit="mm", seed=2)
+    out = tmp_path / "x.txt"
+    machine = ["bidirectional=True"]
+    if control == "fanuc":
+        machine += ["detection_unit=10 nm", "largest=127", "--sign-confirmed"]
+    flags = [w for m in machine for w in (("--machine", m) if "=" in m else (m,))]
+    code, _, told = metrosep(
+        "table", *words, "--axis", "X", "--format", control, *flags, "-o", out
+    )
+    assert code == 0, told
+    assert "is not in the table" not in told
+    text = out.read_text()
+    correction = twincat(text) if control == "twincat" else fanuc(text, 1e-5, 0.0)
+    positions = np.linspace(-120.0, 180.0, 1201)
+    rest, lost = left(correction, lossy, positions, UM)
+    assert rest < LEFT + 0.1  # um: lines between the entries
+    assert abs(lost) < NOISE
+
+
+# ---- one zero of a list and a grid of one's own
+
+
+@pytest.mark.parametrize(("reference", "spacing"), [(-107.67, 1.11), (-98.3, 1.25)])
+def test_the_reference_is_an_entry_of_every_spacing(reference, spacing, tmp_path, metrosep):
+    targets = np.array([-120.5, -117.2, -112.9, *np.sort([reference, -103.1]), -95.4, -90.8, -84.1, -78.3, -71.9, -66.2, -60.5])  # fmt: skip
+    words = written(tmp_path / "run.csv", targets, lossy, unit="mm", seed=3)
+    out = tmp_path / "x.txt"
+    code, _, told = metrosep(
+        "table", *words, "--axis", "X", "--format", "fanuc", "--reference", f"{reference} mm",
+        "--spacing", f"{spacing} mm", "--machine", "detection_unit=10 nm", "--machine", "largest=127",
+        "--sign-confirmed", "-o", out,
+    )  # fmt: skip
+    assert code == 0, told
+    low, high = reference % spacing - 121.0, -61.7
+    positions = np.linspace(low + 1.2, high, 1201)
+    correction = fanuc(out.read_text(), 1e-5, reference)
+    before = max(np.ptp(lossy(positions, way)) for way in (1, -1))
+    rest, _ = left(correction, lossy, positions, UM)
+    assert rest < 0.1 * before + LEFT
+    assert abs(float(correction(reference, 1))) < 1e-12  # mm
+
+
+# ---- one turn, whose readings at 0 and 360 degrees are never the same number
+
+
+def rotary(p, way):
+    a = np.radians(p)
+    return 9 * np.sin(a + 0.4) + 4 * np.cos(2 * a) + 2.5 * np.sin(3 * a + 1) - 3.0 * (way < 0)
+
+
+def sinumerik(text, name):
+    rows = {int(i): float(v) for i, v in re.findall(rf"\$A._{name}\[0,(\d+)[^\]]*\]=(\S+)", text)}
+    step, low, high, turns = (
+        float(re.search(rf"_{name}_{w}\[0[^\]]*\]=(\S+)", text)[1]) for w in ("STEP", "MIN", "MAX", "IS_MODULO")
+    )  # fmt: skip
+    places = low + step * np.arange(len(rows))
+    values = [rows[i] for i in range(len(rows))]
+    assert turns == 1
+    assert high == places[-1]
+    return lambda p, way: -np.interp(low + np.mod(np.asarray(p) - low, high - low), places, values)
+
+
+TURNING = {
+    "twincat": (["modulo=True"], twincat),
+    "sinumerik-enc": (
+        ["machine_axis=C1", "modulo=True", "turns=True"],
+        lambda t: sinumerik(t, "ENC_COMP"),
+    ),
+    "pmac": (["count=0.0001 deg"], lambda t: pmac(t, 1e-4)),
+}
+
+
+@pytest.mark.parametrize("reference", [0, 90])
+@pytest.mark.parametrize("control", TURNING)
+def test_a_turn_with_noise_at_its_ends_is_closed(control, reference, tmp_path, metrosep):
+    if control == "pmac" and reference:
+        pytest.skip("the zero of a PMAC's motor is the zero of its table")
+    targets = np.arange(0.0, 361.0, 15.0)
+    words = written(tmp_path / "run.csv", targets, rotary, unit="deg", seed=4)
+    machine, reader = TURNING[control]
+    out = tmp_path / "c.txt"
+    code, _, told = metrosep(
+        "table", *words, "--axis", "C", "--format", control, "--reference", f"{reference} deg",
+        *[w for m in machine for w in ("--machine", m)], "-o", out,
+    )  # fmt: skip
+    assert code == 0, told
+    assert "0 and 360 deg are one place" in told
+    positions = np.linspace(-360.0, 720.0, 4321)
+    rest, _ = left(reader(out.read_text()), rotary, positions, ARCSEC)
+    assert rest < LEFT + 0.7  # arcsec: lines over 15 degrees of the third harmonic
+
+
+def test_a_turn_that_does_not_come_back_is_refused(tmp_path, metrosep):
+    drifting = lambda p, way: rotary(p, way) + p / 360.0 * 20 * NOISE  # noqa: E731
+    targets = np.arange(0.0, 361.0, 15.0)
+    words = written(tmp_path / "run.csv", targets, drifting, unit="deg", seed=5)
+    code, _, told = metrosep(
+        "table", *words, "--axis", "C", "--format", "twincat", "--machine", "modulo=True", "-o", tmp_path / "c.txt",
+    )  # fmt: skip
+    assert code == 2
+    assert "the values at 0 and 360 deg must be the same" in told
+    assert not (tmp_path / "c.txt").exists()
