@@ -9,9 +9,8 @@ estimates of C are made from the residual. Part A is its autocovariance, correct
 frequencies that the fit took out. Part B asks the polynomials next to the model which spectra are
 likely, and what each does to the parameters, since real surfaces have more power there than a short
 correlation can hold. On maps B counts, and the larger of two noisy numbers would only be wider: A gives
-the area that hangs together. On a line, which has few polynomials, on a map so narrow that the waves of B
-are all longer than the model across it, where the model holds what is not a polynomial, and where
-the deviations have a lay, the larger expanded uncertainty counts. An error that has the shape of a
+the area that hangs together. On a line, which has few polynomials, where the model holds what is not a
+polynomial, and where the deviations have a lay, the larger expanded uncertainty counts. An error that has the shape of a
 parameter (a wrong reference sphere) is in neither. Sources: metrology-2, chapter 1; sandwich covariance after Newey
 and West (1987), window after Sokal.
 """
@@ -458,7 +457,7 @@ class _Beside:
     cov: FloatArray
     n: int
     Q: FloatArray
-    is_known: bool  # by enough: the waves hold the polynomials of the model, no lay is likely
+    is_known: bool  # by enough: the model is of polynomials on a map, and no lay is likely
     is_bounded: bool = False  # a bound by energy is at work
 
 
@@ -469,13 +468,12 @@ def _next_to_the_model(
 
     t = F' r is the residual along orthonormal polynomials F of which nothing lies in the model. No fit
     changes them, so that they are normal with the covariance F' C F (restricted likelihood). F is 0 where
-    a block is not `whole`: its mean departs from the height at its middle, by little, but more than
-    smooth deviations have in the last degrees. C is white
-    as far as the residual reaches, a short correlation or a spectrum of `_spectra`, both with white noise
-    below them, alike in all directions, all with equal odds; or a lay (`_LAY`). With the scale of each
-    integrated out, the residual gives every C a weight and every parameter a Student distribution. u is
-    such that the mixture of these holds COVERAGE within t(n) u. No parameter gets more than a bound by
-    energy (`_bound`).
+    a block is not `whole`: its mean departs from the height at its middle, by little, but by more than
+    smooth deviations have in the last degrees. C is white as far as the residual reaches, a short
+    correlation or a spectrum of `_spectra`, both with white noise below them, alike in all directions,
+    all with equal odds; or a lay (`_LAY`). With the scale of each integrated out, the residual gives every
+    C a weight and every parameter a Student distribution. u is such that the mixture of these holds
+    COVERAGE within t(n) u. No parameter gets more than a bound by energy (`_bound`).
     """
     Q, R, r = _factors(J, r)
     N, p = Q.shape
@@ -492,7 +490,7 @@ def _next_to_the_model(
         return _Beside(white * (size**2 * float(r @ r) / (N - p)), n, Q, False)
     rest = r if whole.all() else _factors(J[:, whole], r[whole])[2]
     found = _white(t, float(rest @ rest), rest.size - p, white)
-    if own.is_seen:  # short correlations have spectra
+    if not is_line:  # short correlations have spectra
         found = found[-1:]
     found += _coloured(own.grams, t, inverse, own.odds)
     alike = len(found)
@@ -514,7 +512,7 @@ def _next_to_the_model(
     held = np.minimum(u, np.sqrt(np.square(inverse) @ most))
     scale = size * held / np.sqrt(np.diag(mean))
     # a lay is seldom as straight and as long as its spectrum has it
-    is_known = own.is_seen and not np.isnan(order).any()
+    is_known = not is_line and not np.isnan(order).any()
     is_known = is_known and bool(weights[kept < alike].sum() > 0.5)
     return _Beside(mean * np.outer(scale, scale), n, Q, is_known, bool((held < u)[1:].any()))
 
@@ -528,7 +526,6 @@ class _Surroundings:
     F: FloatArray  # these, (., n)
     grams: tuple[FloatArray, FloatArray]  # under each spectrum that is alike in all directions
     odds: FloatArray  # of each
-    is_seen: bool  # the waves are short enough for the model across the support too
 
 
 @lru_cache(maxsize=2)
@@ -546,13 +543,12 @@ def _kept_surroundings(
     F = np.zeros((at_x.size, beside.shape[1]))
     F[there] = beside
     if F.shape[1] == 0:
-        return _Surroundings(order, top, F, (F, F), order, False)
+        return _Surroundings(order, top, F, (F, F), order)
     last = top if is_line else top + _BEYOND[-1]
     B = np.column_stack([columns, F])
     f, G = _waves(at_x, at_y, B, last, angle=0.0 if is_line else None)
-    is_seen = not is_line
-    S, odds = _with_short(f) if is_seen else _spectra(f)
-    return _Surroundings(order, last, F, _under_spectra(S, G, p), odds, is_seen)
+    S, odds = _spectra(f) if is_line else _with_short(f)
+    return _Surroundings(order, last, F, _under_spectra(S, G, p), odds)
 
 
 def _narrowness(x: FloatArray, y: FloatArray) -> float:
@@ -580,7 +576,7 @@ def _white(
     if m > 0 and b > 0.0:
         log = gammaln(0.5 * (n + m)) - gammaln(0.5 * n) - gammaln(0.5 * m)
         log += 0.5 * m * np.log(b) - 0.5 * (n + m) * np.log(a + b)
-        log += np.log(np.log(1e9))
+        log += np.log(9.0 * np.log(10.0))
         found.append((float(log), float(n + m), white * ((a + b) / (n + m))))
     return found
 
