@@ -250,3 +250,25 @@ def test_a_turn_that_does_not_come_back_is_refused(tmp_path, metrosep):
     assert code == 2
     assert "the values at 0 and 360 deg must be the same" in told
     assert not (tmp_path / "c.txt").exists()
+
+
+# ---- a unit typed wrong: an error of millimetres
+
+
+def test_micrometres_read_as_millimetres_are_refused(tmp_path, metrosep):
+    targets = np.arange(-120.0, 181.0, 20.0)
+    words = written(tmp_path / "run.csv", targets, lossy, unit="mm", seed=6)
+    text = (tmp_path / "run.csv").read_text().replace("_um", "_mm")
+    (tmp_path / "run.csv").write_text(text)
+    words = [str(w).replace("_um", "_mm") for w in words]
+    out = tmp_path / "x.comp"
+    code, _, told = metrosep("table", *words, "--axis", "X", "-o", out)
+    assert code == 1
+    assert (
+        "check the units of the readings; if they are right, state the stroke of the axis" in told
+    )
+    assert not out.exists()
+    code, _, told = metrosep(
+        "table", *words, "--axis", "X", "--machine", "stroke=10 mm", "-o", out
+    )
+    assert code == 0, told
