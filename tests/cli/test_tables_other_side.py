@@ -272,3 +272,29 @@ def test_micrometres_read_as_millimetres_are_refused(tmp_path, metrosep):
         "table", *words, "--axis", "X", "--machine", "stroke=10 mm", "-o", out
     )
     assert code == 0, told
+
+
+# ---- a file of the control alone, which does not say where its axis is referenced
+
+
+@pytest.mark.parametrize(("way", "grade"), [(1, "accepted"), (-1, "refused")])
+def test_a_file_without_sidecar_is_judged_from_where_it_is_zero(way, grade, tmp_path, metrosep):
+    zero = lossy(0.0, 1)
+    nodes = np.arange(-100.0, 201.0, 12.5)
+    body = "".join(
+        f"$AA_ENC_COMP[0,{i},X1]={way * (lossy(p, 1) - zero) * UM:.6f}\n"
+        for i, p in enumerate(nodes)
+    )
+    ends = "".join(
+        f"$AA_ENC_COMP_{name}[0,X1]={value}\n"
+        for name, value in (("STEP", 12.5), ("MIN", -100.0), ("MAX", 200.0), ("IS_MODULO", 0))
+    )
+    file = tmp_path / "eec.ini"
+    file.write_text(f"%_N_AX_EEC_INI\nCHANDATA(1)\n{body}{ends}M17\n")
+    run, *words = written(tmp_path / "run.csv", nodes, lossy, unit="mm", seed=7)
+    code, out, told = metrosep(
+        "verify", file, "--against", run, *words, "--format", "sinumerik-enc"
+    )
+    assert code == (0 if way > 0 else 1), told
+    assert grade in out + told
+    assert "zero of the machine moves" not in out + told
