@@ -162,6 +162,10 @@ class Dialect(ABC):
         """
         return table_lookup(self.decode(data, path, **options))
 
+    def facts(self, data: bytes, path: Path, **options: Any) -> dict[str, Any]:
+        """Return what a file states of its machine; here nothing."""
+        return {}
+
     def limits(self, **machine: Any) -> Limits:
         """Return the limits of controller and machine, of fields of `Limits`."""
         try:

@@ -217,6 +217,7 @@ def _touched(form: _Form, nose: float, c_sense: int, c_zero: float) -> Lookup:
         angle = c_sense * c + c_zero if c_sense else np.zeros(x.shape)
         step, place = _NOSE_STEP * nose, np.array(x)
         reached = np.isfinite(sine(place, angle))
+        off = np.zeros(x.shape)
         for _ in range(_NOSE_STEPS):
             low, high = sine(place - step, angle), sine(place + step, angle)
             rise = 1.0 - nose * (high - low) / (2.0 * step)
