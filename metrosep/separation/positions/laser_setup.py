@@ -116,7 +116,7 @@ class LaserSetup:
             if dimension is None or not isinstance(value, float):
                 said.append(f"{name}={value!r}")
             else:
-                said.append(f"{name}={typed_number(value, dimension)}")
+                said.append(f"{name}={typed_number(value, dimension)!r}")
         text = ", ".join(said)
         return f"LaserSetup({text if len(text) <= _LINE else text[: _LINE - 3] + '...'})"
 
