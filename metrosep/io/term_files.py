@@ -111,16 +111,21 @@ def read_term_table(
             f"{file}: line {table.lines[back[0] + 1]}: the positions neither rise nor fall all the way; each "
             "place has one line"
         )
-    place, columns = place[::way], {n: c[::way] for n, c in columns.items()}
+    curves = {n: c[::way].tolist() for n, c in columns.items()}
+    place = place[::way]
     span = (float(place[0]), float(place[-1]))
     turn = 2.0 * math.pi
     whole = kinds[axis] == "angle" and abs(span[1] - span[0] - turn) <= _ROUNDING * turn
-    found = {}
-    for n, c in columns.items():
-        if not n.startswith(_U):
-            period = turn if whole and closes(c) else None
-            found[n] = (TableTerm(place, c, columns.get(_U + n, 0.0), period), span)
-    return found
+    return {
+        n: (
+            TableTerm(
+                place.tolist(), c, curves.get(_U + n, 0.0), turn if whole and closes(c) else None
+            ),
+            span,
+        )
+        for n, c in curves.items()
+        if not n.startswith(_U)
+    }
 
 
 def term_file(name: str, *, is_constant: bool) -> str:
