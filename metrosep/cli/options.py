@@ -231,7 +231,11 @@ def optional_read_options(command: F) -> F:
             click.option(
                 "--feed", metavar="COLUMN|VALUE", help='Feedrate: feed_mm_min or "7200 mm/min".'
             ),
-            click.option("--run", metavar="COLUMN", help="Column that distinguishes the runs."),
+            click.option(
+                "--run",
+                metavar="COLUMN",
+                help="Column that distinguishes the runs; columns, if each is a column; blocks, if one stands below the other.",
+            ),
             click.option(
                 "--direction",
                 metavar="COLUMN|WORD",

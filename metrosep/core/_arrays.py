@@ -149,6 +149,12 @@ def _pair(value: Any, name: str) -> dict[str, Any]:
     return {f"{k} of {name}": v for k, v in zip("xy", pair, strict=True)}
 
 
+def is_turn(angle: FloatArray) -> bool:
+    """Whether angles go once around: the next step would be back at the first."""
+    step = np.ptp(angle) / max(angle.size - 1, 1)
+    return bool(abs(np.ptp(angle) + step - 2.0 * np.pi) < 1.5 * step)
+
+
 def way(values: FloatArray) -> int:
     """Return 1 where values rise throughout, -1 where they fall, else 0: also for fewer than two, or NaN."""
     if values.size < 2:

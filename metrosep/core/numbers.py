@@ -21,7 +21,7 @@ from metrosep.core.units import parse_quantity
 
 __all__ = [
     "between", "choice", "count", "flag", "is_real", "not_negative", "positive", "quantity", "real", "steps_of",
-    "unit_of",
+    "unit_of", "without_rounding",
 ]  # fmt: skip
 
 _UNITS = {
@@ -36,6 +36,21 @@ _PINT = {
 """SI units as pint writes them, where that is another way."""
 _LONGEST = 80
 """Characters of a value in a message."""
+
+
+_ROUNDING = 32.0 * np.finfo(np.float64).eps
+"""Of a size: what a sum or two of floats of that size lose, which would be read as digits."""
+
+
+def without_rounding(value: float, size: float) -> float:
+    """Return a value, 0 where it is no more than the rounding of floats of a size.
+
+    Examples
+    --------
+    >>> without_rounding(0.3 - 0.1 * 3, 0.3), without_rounding(1e-9, 0.3)
+    (0.0, 1e-09)
+    """
+    return 0.0 if abs(value) <= _ROUNDING * size else value
 
 
 def unit_of(dimension: str | None) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from metrosep.core._arrays import CheckedArray, FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError
-from metrosep.core.numbers import choice
+from metrosep.core.numbers import choice, without_rounding
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
@@ -190,8 +190,8 @@ def _result(
     *,
     n_iterations: int = 0,
 ) -> FitResult:
-    names, n, residual = freedoms.names, answer.n, answer.residual
-    rms = float(np.sqrt(answer.squares / n))
+    names, n = freedoms.names, answer.n
+    residual, rms = _left(answer, points.z)
     shape = {k: float(v) for k, v in placed.form.parameters.items() if v is not None}
     rigid = {k: placed.get(k) for k in RIGID if k in freedoms.rigid or k in freedoms.held}
     bent = {curvature_name(k): curvature_of(shape[k]) for k in placed.form.radii if k in names}
@@ -255,6 +255,17 @@ def _result(
         robust=robust,
         source=obj,
     )
+
+
+def _left(answer: Answer, z: FloatArray) -> tuple[FloatArray, float]:
+    """Return what the form leaves and its RMS: zeros where that is rounding of the heights."""
+    residual, rms = answer.residual, float(np.sqrt(answer.squares / answer.n))
+    size = max(abs(float(of.reduce(z, axis=None))) for of in (np.fmin, np.fmax))
+    if without_rounding(rms, size) == 0.0 or size == 0.0:
+        most = max(abs(float(of.reduce(residual, axis=None))) for of in (np.fmin, np.fmax))
+        if without_rounding(most, size) == 0.0 or size == 0.0:
+            return np.where(np.isnan(residual), np.nan, 0.0), 0.0
+    return residual, rms
 
 
 # ---- what a fit should tell its user: freedoms that hang together, periods, a tilt that is not a plane ----

@@ -20,7 +20,7 @@ from metrosep.core.errors import AmbiguousFormatError, FormatMismatchError, Unit
 from metrosep.core.runset import FORWARD, REVERSE
 from metrosep.core.units import Unit, likely_meaning, parse_sensitivity, parse_unit
 from metrosep.io.own_notes import is_marked
-from metrosep.io.several_runs import BLOCKS, FoundRuns
+from metrosep.io.several_runs import BLOCKS, COLUMNS, FoundRuns
 from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import encoding_hint, find_column, header_unit, holds_counts
 from metrosep.io.text.table import Column, Table
@@ -37,6 +37,7 @@ __all__ = [
     "pick",
     "refuse_marker",
     "role_of",
+    "runs_beside",
     "runs_in",
     "sensitivity",
     "since_first_row",
@@ -68,6 +69,8 @@ def role_of(name: str) -> Role | None:
     whole = _ROLES.get(_plain(bare))
     if whole is not None:
         return whole
+    if _ROLES.get(re.sub(r"\d+|第", "", _plain(bare))) == "run":
+        return "run"  # 1回, 第1次
     words = [w for w in re.split(r"[\s_.\-]+", bare) if len(_plain(w)) > 1]
     found = {role for w in words if (role := _ROLES.get(_plain(w))) is not None}
     if found == {"run", "index"}:
@@ -160,6 +163,11 @@ def runs_in(table: Table) -> FoundRuns | None:
     undeclared = tuple(n for k, n in columns.items() if k not in units and k != "direction")
     z = columns.get("z")
     in_volts = z is not None and (u := table[z].unit) is not None and u.dimension == "voltage"
+    series = {_series(c.name): c for c in by_role.get("run", ()) if _may_be_one_of_several(c)}
+    if len(series) == 1 and "x" in single and not by_role.get("time") and not targets_in(table):
+        alike = runs_beside(table, next(iter(series.values())).name)
+        if len(alike) > 1 and all(map(_may_be_one_of_several, alike)):
+            return _found_beside(alike, single["x"])
     facts: dict[str, Any] = {
         "columns": columns,
         "units": units,
@@ -169,6 +177,8 @@ def runs_in(table: Table) -> FoundRuns | None:
         "targets": targets_in(table),
     }
     for column in by_role.get("run", ()):
+        if _reads_length(column):
+            continue
         marks = np.array(column.labels) if column.labels is not None else column.values
         if marks is None or marks.size < 2 or (marks.dtype.kind == "f" and np.isnan(marks).any()):
             continue
@@ -183,6 +193,50 @@ def runs_in(table: Table) -> FoundRuns | None:
                 lines = tuple(int(table.lines[i]) for i in (0, *starts))
                 return FoundRuns(len(lines), BLOCKS, lines, **facts)
     return None
+
+
+def _reads_length(column: Column) -> bool:
+    """Whether a column called after a run holds its readings: Lauf 1 [um]."""
+    return (
+        column.values is not None
+        and column.unit is not None
+        and column.unit.dimension in ("length", "voltage")
+    )
+
+
+def _may_be_one_of_several(column: Column) -> bool:
+    """Whether a column may hold the readings of a run beside others: also Lauf 1, of which nobody declares a unit."""
+    numbered = re.search(r"\d", header_unit(column.name)[0]) is not None
+    return _reads_length(column) or (
+        numbered and column.unit is None and column.values is not None
+    )
+
+
+def runs_beside(table: Table, name: str) -> list[Column]:
+    """Return the columns that are called alike but for a number, in whatever unit."""
+    return [c for c in table.columns if _series(c.name) == _series(name)]
+
+
+def _series(name: str) -> str:
+    """Return the name of a column without its unit and without numbers: the same for Lauf 1 and Lauf 2."""
+    return re.sub(
+        r"\d+|[\[(<{].*", "", _plain(header_unit(name)[0])
+    )  # also a unit that is not known
+
+
+def _found_beside(alike: Sequence[Column], place: Column) -> FoundRuns:
+    """Return the runs that lie beside each other over one column of places."""
+    columns = {"x": place.name, "z": alike[0].name}
+    units = {"x": place.unit, "z": alike[0].unit}
+    return FoundRuns(
+        len(alike),
+        COLUMNS,
+        (),
+        columns,
+        {k: u.name for k, u in units.items() if u is not None},
+        tuple(columns[k] for k, u in units.items() if u is None),
+        in_volts=units["z"] is not None and units["z"].dimension == "voltage",
+    )
 
 
 _MOST_TARGETS = 1000
@@ -399,7 +453,9 @@ def no_unit(file: RawFile, columns: Mapping[str, str], dimension: str) -> UnitEr
     each = " and ".join(f"{role}=({name!r}, {usual!r})" for role, name in columns.items())
     if len(columns) == 1:
         ((role, name),) = columns.items()
-        scales = ", with ms, us or ns for s if it counts these" if dimension == "time" else ""
+        scales = (
+            ", with min, h, ms, us or ns for s if it counts these" if dimension == "time" else ""
+        )
         return UnitError(
             f"{file.path}: column {name!r} ({role}) declares no unit; rename it like '{name}_{usual}', or give "
             f"{each} or unit={scales}"

@@ -46,6 +46,7 @@ from metrosep.io._roles import (
     jumps_back,
     numbering,
     pick,
+    runs_beside,
     runs_in,
     sensitivity,
     since_first_row,
@@ -53,7 +54,7 @@ from metrosep.io._roles import (
 )
 from metrosep.io.own_notes import is_marked
 from metrosep.io.own_runs import own_columns, own_runs, run_table
-from metrosep.io.several_runs import BLOCKS, SeveralRunsError
+from metrosep.io.several_runs import BLOCKS, COLUMNS, SeveralRunsError
 from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.table import (
@@ -110,7 +111,8 @@ def read_runs(
         per file. Its sign is not needed: the direction follows from the positions.
     run : str, optional
         Column that tells the runs of one file apart; ``"blocks"`` where there is none and a run
-        begins where the position jumps back.
+        begins where the position jumps back; ``"columns"`` where the runs are columns beside each
+        other, called alike but for a number: `z` names one of them.
     direction : str, optional
         Column with ``fwd``/``rev``, ``forward``/``backward``, ``+1``/``-1``; it must agree with the
         travel. A run that holds both directions becomes two.
@@ -209,7 +211,10 @@ def _runs_from(
         ledgers.append(table.ledger)
         held = [table]
         del table  # what was read is given up as soon as the runs hold it
-        runs.extend(_runs_of(file, held, clocked, file_feed))
+        if request.run == COLUMNS and COLUMNS not in held[0].names:
+            runs.extend(_runs_beside(file, held, clocked, file_feed))
+        else:
+            runs.extend(_runs_of(file, held, clocked, file_feed))
         facts = {"x": request.x, "z": request.z, "feed": file_feed, "scale": request.scale}
         history.extend(file.history(format_id, {k: str(v) for k, v in facts.items()}))
     units = {(r.metadata.get("unit", "m"), r.metadata.get("z_unit", "m")) for r in runs}
@@ -396,6 +401,7 @@ class _Request:
     scale: float | str | None  # sensitivity of the sensor
     n_files: int
     angles: bool
+    named: str = ""  # name of the one run of a table
 
 
 def _feed_per_file(feed: FeedSpec, n_files: int) -> list[ColumnSpec | float | None]:
@@ -467,9 +473,10 @@ def _runs_of(
             )
         speed = speeds if isinstance(speeds, float) else _one_feed(speeds, x, rows, where)
         if np.isnan(z[rows]).all():
+            out = file.without_lines(*table.lines[rows].tolist())
+            out = "remove that column" if request.named else f"leave the run out with {out}"
             raise InvalidSamplesError(
-                f"{where} holds no reading in column {z_column.name!r}; check the sensor, or leave the run out "
-                f"with {file.without_lines(*table.lines[rows].tolist())}"
+                f"{where} holds no reading in column {z_column.name!r}; check the sensor, or {out}"
             )
         start, end = x[rows[0]], x[rows[-1]]
         if signs is not None and (end - start) * signs[rows[0]] < 0.0:
@@ -498,6 +505,30 @@ def _runs_of(
             )
         except DataError as exc:
             raise type(exc)(f"{file.path}: {_with_hint(str(exc), request, table)}") from None
+
+
+def _runs_beside(
+    file: RawFile, held: list[Table], request: _Request, feed: ColumnSpec | float | None
+) -> Iterator[Run]:
+    """Yield the runs that are columns beside each other: the one that z names, and those called alike."""
+    table = held.pop()
+    column, unit = pick(file, table, request.z, role="z")
+    alike = runs_beside(table, column.name)
+    if len(alike) < 2:
+        raise FormatMismatchError(
+            f"{file.path}: no column is called like {column.name!r} but for a number, and run={COLUMNS!r} takes such "
+            "columns as the runs; name one of several with z=, such as z='run 1'"
+        )
+    prefix = f"{file.path.stem}:" if request.n_files > 1 else ""
+    for own in alike:
+        own_unit = own.unit or (column.unit is None and unit) or None
+        one = replace(
+            request,
+            z=own.name if own_unit is None else (own.name, own_unit.name),
+            run=None,
+            named=prefix + header_unit(own.name)[0],
+        )
+        yield from _runs_of(file, [table], one, feed)
 
 
 def _counters(
@@ -607,7 +638,7 @@ def _parts(
     """Return the name and the rows of each part that the caller tells apart, in the order of the file."""
     stem, n = file.path.stem, len(table)
     if request.run is None:
-        return [(stem, np.array([[0, n]]))]
+        return [(request.named or stem, np.array([[0, n]]))]
     if request.run == BLOCKS and BLOCKS not in table.names:
         edges = [0, *jumps_back(x, table.lines), n]
         blocks = itertools.pairwise(edges)

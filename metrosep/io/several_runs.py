@@ -10,10 +10,13 @@ from typing import Any
 from metrosep.core.errors import FormatMismatchError
 from metrosep.core.units import parse_unit
 
-__all__ = ["BLOCKS", "FoundRuns", "SeveralRunsError", "table_advice"]
+__all__ = ["BLOCKS", "COLUMNS", "FoundRuns", "SeveralRunsError", "table_advice"]
 
 BLOCKS = "blocks"
 """What ``run=`` takes where no column numbers the runs: they begin where the position jumps back."""
+
+COLUMNS = "columns"
+"""What ``run=`` takes where the runs are columns beside each other, over one column of positions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +37,10 @@ class FoundRuns:
     )  # options of `table`: a positioning test
 
     def __str__(self) -> str:
+        if self.run == COLUMNS:
+            return (
+                f"holds {self.n} runs beside each other, in columns such as {self.columns['z']!r}"
+            )
         if self.run != BLOCKS:
             return f"holds {self.n} runs, distinguished by column {self.run!r}"
         shown = ", ".join(map(str, self.lines[:8])) + (", ..." if len(self.lines) > 8 else "")

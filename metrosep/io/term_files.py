@@ -1,6 +1,6 @@
 """Error terms as files: a table of the terms of one axis, and a list of constants.
 
-x_mm,EXX_um,EBX_urad        first column: the axis and its unit; the others: terms of that axis
+x_mm,EXX_um,EBX_urad        one column: the axis and its unit; the others: terms of that axis
 0,0.00,1.2
 
 C0Y = "12 urad"             TOML: a value with its unit for each constant
@@ -75,26 +75,29 @@ def read_term_table(
     axes = {a.lower(): a for a in kinds}
     columns: dict[str, FloatArray] = {}
     axis = ""
-    for k, column in enumerate(table.columns):
-        name = column_unit(re.sub(r" \(\d+\)$", "", column.name))[0]  # a second one is numbered
-        spread = name.startswith(_U) and k > 0
+    names = [column_unit(re.sub(r" \(\d+\)$", "", c.name))[0] for c in table.columns]
+    at = [k for k, name in enumerate(names) if name.lower() in axes]
+    if len(at) != 1:
+        raise DataError(
+            f"{file}: has the columns {', '.join(c.name for c in table.columns)}; one of them holds the positions of "
+            f"an axis of the machine, with its unit, such as {next(iter(axes))}_mm"
+        )
+    first = at[0]
+    for k in (first, *(k for k in range(len(names)) if k != first)):
+        column, name = table.columns[k], names[k]
+        spread = name.startswith(_U) and k != first
         name = name.removeprefix(_U) if spread else name
-        if k == 0 and name.lower() not in axes:
-            raise DataError(
-                f"{file}: the first column is {column.name!r}; the position is needed there, an axis of the "
-                f"machine with its unit such as {next(iter(axes))}_mm"
-            )
-        own = axes[name.lower()] if k == 0 else name
-        if k and axis_of(own) != axis:
+        own = axes[name.lower()] if k == first else name
+        if k != first and axis_of(own) != axis:
             raise DataError(
                 f"{file}: {column.name!r} is not an error of {axis}, whose positions the file has"
             )
-        axis = axis if k else own
+        axis = own if k == first else axis
         key = _U + own if spread else own
         if key in columns:
             raise DataError(f"{file}: {column.name} is there twice; leave one of its columns")
-        angle = kinds[own] == "angle" if k == 0 else is_angle(own)
-        found, unit = pick(held, table, column.name, role="position" if k == 0 else "error")
+        angle = kinds[own] == "angle" if k == first else is_angle(own)
+        found, unit = pick(held, table, column.name, role="position" if k == first else "error")
         values = to_si(held, found, unit, dimension="angle" if angle else "length", role=own)
         if not np.isfinite(values).all():
             line = table.lines[np.flatnonzero(~np.isfinite(values))[0]]
@@ -111,21 +114,17 @@ def read_term_table(
             f"{file}: line {table.lines[back[0] + 1]}: the positions neither rise nor fall all the way; each "
             "place has one line"
         )
-    curves = {n: c[::way].tolist() for n, c in columns.items()}
-    place = place[::way]
-    span = (float(place[0]), float(place[-1]))
+    at_places = place[::way].tolist()
+    rising = {n: c[::way].tolist() for n, c in columns.items()}
+    span = (at_places[0], at_places[-1])
     turn = 2.0 * math.pi
     whole = kinds[axis] == "angle" and abs(span[1] - span[0] - turn) <= _ROUNDING * turn
-    return {
-        n: (
-            TableTerm(
-                place.tolist(), c, curves.get(_U + n, 0.0), turn if whole and closes(c) else None
-            ),
-            span,
-        )
-        for n, c in curves.items()
-        if not n.startswith(_U)
-    }
+    terms = {}
+    for n, c in rising.items():
+        if not n.startswith(_U):
+            period = turn if whole and closes(c) else None
+            terms[n] = (TableTerm(at_places, c, rising.get(_U + n, 0.0), period), span)
+    return terms
 
 
 def term_file(name: str, *, is_constant: bool) -> str:

@@ -32,7 +32,9 @@ _WORTH = 3.0
 _ROUNDS = 3
 _NOTHING = 1e-18  # m or rad: noise of readings that are all zero
 _ROUNDING = 1e-14
-_LIMITS = ((0.1, 60.0), (2.0, 2000.0))
+LARGEST_DRIFT = 60.0
+"""Times the white noise, that is looked for: a larger one is what the model lacks."""
+_LIMITS = ((0.1, LARGEST_DRIFT), (2.0, 2000.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -362,8 +362,8 @@ def unequal_noise(problem: Problem, system: System, fit: Fit) -> list[str]:
         if f.sf(ratio, max(degrees[high], 1.0), max(degrees[low], 1.0)) < _CHANCE:
             sizes = [format_engineering(float(fit.scales[i]), "m", digits=2) for i in mine]
             said.append(
-                f"{label}: its readings in x, y and z have a noise of {sizes[0]}, {sizes[1]} and {sizes[2]}, each "
-                "counts by its own"
+                f"{label}: its readings in x, y and z have a white noise of {sizes[0]}, {sizes[1]} and {sizes[2]}; "
+                "each counts by its own"
             )
     return said
 

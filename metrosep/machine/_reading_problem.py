@@ -52,6 +52,8 @@ _SHORT = 60
 """Readings of a set from which on those that fit best know their own scatter."""
 _ONE_BALL = 5e-3
 """m: poses that a control steers to a ball are no further apart, whatever its kinematics."""
+_NEAR = 50e-3
+"""m: a ball that is to be found is stated no worse, else the set-up or a unit is another one."""
 ROUNDS = 10
 LARGEST = {"m": 1e-2, "rad": 1e-2}
 """A reading or an error beyond it is of no machine: its unit, or the machine, is another one."""
@@ -147,7 +149,8 @@ class ReadingSet:
         if not self.total and float(np.abs(values[finite]).max()) > LARGEST[unit]:
             raise UnitError(
                 f"{self.label}: readings reach {float(np.abs(values[finite]).max()):.4g} {unit}; they "
-                f"are deviations in {unit}; give total=True for readings that hold the nominal too"
+                f"are deviations in {unit}; check the unit of the column, or state that they hold the nominal too "
+                "(total = true in a file)"
             )
         if self.u is not None:
             object.__setattr__(self, "u", numbers.positive(self.u, f"u of {self.label}"))
@@ -387,7 +390,10 @@ class Problem:
         return System(X, y, sizes, V, blind, singular, streams, rows, ends)
 
     def _without_rounding(self, X: FloatArray) -> None:
-        """Set columns of a place to zero that are rounding: the ball across the plane of a circle."""
+        """Set columns to zero that are rounding: a ball across the plane of a circle, a term across the readings."""
+        own = X[:, : self.n_terms]
+        whole = sum(np.sum(columns**2, axis=(0, 1)) for _, columns, _ in self.parts)
+        own[:, np.sum(own**2, axis=0) < _SEEN**2 * whole] = 0.0
         for at in self.unknown_at:
             for where in at.values():
                 if where.stop - where.start == 3:
@@ -621,6 +627,14 @@ def _refuse_scattered(reading: ReadingSet, point: FloatArray) -> None:
             f"{reading.label}: the axes do not take the tool to one ball of the workpiece: at reading "
             f"{i + 1} it stands {format_length(float(off[i]))} from {from_what}; check units and order of the "
             "columns of the axes, the tool, and whether the machine is this one"
+        )
+    beside = 0.0 if ball is None else float(np.linalg.norm(centre - np.asarray(ball)))
+    if beside > _NEAR:
+        where = ", ".join(format_length(float(v)) for v in centre)
+        raise DataError(
+            f"{reading.label}: the axes take the tool to {where}, which is {format_length(beside)} from the ball "
+            "that the set-up states; check the unit of the columns of the axes, the tool and the ball, or leave "
+            "the ball out where nothing is known of it"
         )
 
 

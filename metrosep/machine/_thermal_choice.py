@@ -125,9 +125,20 @@ def celsius(kelvin: float) -> str:
 
 
 def times_of(t: ArrayLike) -> FloatArray:
-    times = frozen_float(t, name="t", ndim=1, min_size=2)
-    if not np.isfinite(times).all() or (np.diff(times) <= 0.0).any():
-        raise InvalidSamplesError("t must be finite and strictly rising, in seconds")
+    times = frozen_float(t, name="the time", ndim=1, min_size=2)
+    lost = np.flatnonzero(~np.isfinite(times))
+    if lost.size:
+        raise InvalidSamplesError(
+            f"the time is missing (NaN) at reading {lost[0] + 1}; leave that row out"
+        )
+    falls = np.flatnonzero(np.diff(times) <= 0.0)
+    if falls.size:
+        i = int(falls[0])
+        raise InvalidSamplesError(
+            f"the time must rise from reading to reading: it goes from {times[i]:.6g} s to {times[i + 1]:.6g} s "
+            f"at reading {i + 2}, and does not rise at {falls.size} places; sort the rows by time, or give "
+            "records that begin anew one by one"
+        )
     return times
 
 
@@ -369,8 +380,8 @@ class Reading:
         if ratio > 1.0:
             cov, s = cov * ratio, s * math.sqrt(ratio)
             messages.append(
-                f"left-out blocks are foretold {math.sqrt(ratio):.2g} times worse than u said; it is "
-                "raised by that"
+                "left-out blocks are foretold worse than u said, which is raised by "
+                f"{100.0 * (math.sqrt(ratio) - 1.0):.2g} %"
             )
         if model.turned and self._unsettled(model):
             messages.append(

@@ -24,7 +24,12 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_engineering, format_length
 from metrosep.machine._bases import Basis, CurveTerm, UnseenTerm, null_sentences
-from metrosep.machine._drift_noise import Fit, few_readings_covariance, rounding_covariance
+from metrosep.machine._drift_noise import (
+    LARGEST_DRIFT,
+    Fit,
+    few_readings_covariance,
+    rounding_covariance,
+)
 from metrosep.machine._lack_of_fit import lack_of_fit, left_out
 from metrosep.machine._model_choice import (
     factors_of_sets,
@@ -464,6 +469,12 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     if fit.judged and not fit.white:
         messages.append(
             f"drift is {fit.a:.2g} times the white noise, over {fit.tau:.2g} readings; u contains it"
+            + (
+                ". So large a drift is mostly something else: a term that was not asked for, two columns that "
+                "changed places, or the sign of one"
+                if fit.a > 0.99 * LARGEST_DRIFT
+                else ""
+            )
         )
     elif not fit.judged:
         several = any(s.instrument.n_readings > 1 and s.u is None for s in sets)

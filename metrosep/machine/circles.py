@@ -271,14 +271,14 @@ def circle_test(
     order = {s: np.argsort(a if s == "ccw" else -a, kind="stable") for s in read}
     spikes: list[Reversal] = []
     off = {s: np.zeros(a.size) for s in read}
-    fit, residual = _fitted(a, read, off, order, R, F)
+    fit, model = _fitted(a, read, off, order, R, F)
     for _ in range(2):
-        spikes = _spikes(a, residual, plane, fit)
+        spikes = _spikes(a, {s: r - model[s] for s, r in read.items()}, plane, fit)
         off = {s: _spike_heights(a, [k for k in spikes if k.sense == s], s) for s in read}
         if not any(np.any(v) for v in off.values()):
             break
-        fit, residual = _fitted(a, read, off, order, R, F)
-    return _result(a, read, residual, fit, spikes, (R, F, plane, calibrated))
+        fit, model = _fitted(a, read, off, order, R, F)
+    return _result(a, read, model, fit, spikes, (R, F, plane, calibrated))
 
 
 _NAMES = ("c", "cx", "cy", "scale", "Q", "b1", "b2", "T")
@@ -339,7 +339,7 @@ def _fitted(
     R: float,
     F: float,
 ) -> tuple[Fit, dict[str, FloatArray]]:
-    """Return the fit, and what it leaves of the readings, by sense."""
+    """Return the fit, and what it says of the readings, by sense."""
     design = {s: _columns(a, s, R, F) for s in read}
     if len(read) == 1:  # Q and T are one column: it stands in the place of Q, in m
         design = {s: np.delete(d, 7, axis=1) / _sizes_single(R) for s, d in design.items()}
@@ -357,7 +357,7 @@ def _fitted(
     fit = Gls(whole / sizes, np.concatenate(y), streams, [None] * len(read)).best()
     beta, cov = fit.beta / sizes, fit.cov / np.outer(sizes, sizes)
     found = Fit(beta, cov, fit.a, fit.tau, fit.scales, fit.judged)
-    return found, {s: r - design[s] @ beta for s, r in read.items()}
+    return found, {s: design[s] @ beta for s in read}
 
 
 def _sizes_single(R: float) -> FloatArray:
@@ -414,7 +414,7 @@ def _spike_heights(a: FloatArray, spikes: list[Reversal], sense: str) -> FloatAr
 def _result(
     a: FloatArray,
     read: Mapping[str, FloatArray],
-    residual: dict[str, FloatArray],
+    model: Mapping[str, FloatArray],
     fit: Fit,
     spikes: list[Reversal],
     how: tuple[float, float, str, bool],
@@ -456,22 +456,31 @@ def _result(
     away = np.column_stack([np.cos(a), np.sin(a)])
     measured = {s: r - away @ centre for s, r in read.items()}
     G = {}
+    columns = np.column_stack([np.ones(a.size), away])
     for sense, r in read.items():
         good = np.isfinite(r)
-        columns = np.column_stack([np.ones(good.sum()), away[good]])
-        own = np.linalg.lstsq(columns, r[good], rcond=None)[0]
+        # where a run has a gap its own centre would follow the gap: the model stands there
+        own = np.linalg.lstsq(columns, np.where(good, r, model[sense]), rcond=None)[0]
         radii = r[good] - away[good] @ own[1:]
         text = f"circular deviation {sense} about its least-squares centre, {about}"
         G[sense] = Quantity(float(np.ptp(radii)), "m", text, math.sqrt(2.0) * noise, f"G({sense})")
     everything = np.concatenate([m[np.isfinite(m)] for m in measured.values()])
     high, low = float(everything.max()), float(everything.min())
     text = f"bidirectional circular deviation about the common least-squares centre, {about}"
-    G_both = Quantity(high - low if both else math.nan, "m", text, math.sqrt(2.0) * noise, "G(b)")
+    G_both = Quantity(
+        high - low if both else math.nan,
+        "m",
+        text,
+        math.sqrt(2.0) * noise if both else None,
+        "G(b)",
+    )
     radial = f"radial deviation from the programmed radius about the common centre, {about}"
     lack = [s for s, r in read.items() if np.isnan(r).any()]
     if lack:
         gone = sum(int(np.isnan(r).sum()) for r in read.values())
-        messages.append(f"{gone} readings are NaN and were omitted ({', '.join(lack)})")
+        messages.append(
+            f"{gone} readings are NaN and were omitted ({', '.join(lack)}); G and F do not see what lies there"
+        )
     if not fit.judged:
         messages.append("too few readings to judge drift: u is that of independent readings")
     tall = [k for k in spikes if k.height.u is not None and abs(k.height.value) > 4.0 * k.height.u]
@@ -495,7 +504,7 @@ def _result(
             float(value["c"][0]) if both else math.nan,
             "m",
             f"mean bidirectional radial deviation, {about}",
-            float(value["c"][1]),
+            float(value["c"][1]) if both else None,
             "D",
         ),
         centre=(
@@ -515,7 +524,7 @@ def _result(
         reversals=tuple(spikes),
         angle=a,
         measured=freeze_mapping(measured),
-        residual=freeze_mapping({s: residual[s] - taken[s] for s in read}),
+        residual=freeze_mapping({s: r - model[s] - taken[s] for s, r in read.items()}),
         noise=Quantity(noise, "m", f"standard deviation of one reading, {about}"),
         messages=tuple(messages),
         audit=freeze_mapping(

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import InvalidSamplesError
+from metrosep.core.numbers import without_rounding
 from metrosep.parameters.table import LARGEST, check_range
 
 __all__ = ["HeightStatistics", "height_statistics"]
@@ -107,18 +108,20 @@ class _Sums:
 
 
 def _statistics(sums: _Sums, n: int, centre: float, rest: float) -> HeightStatistics:
-    """Return the parameters from the sums; a constant map has exact zeros."""
+    """Return the parameters from the sums; a map that is constant within rounding has exact zeros."""
     low, high = sums.low, sums.high
-    if low == high:
+    if without_rounding(high - low, max(abs(low), abs(high))) == 0.0:
         return HeightStatistics(n, low, 0.0, 0.0, None, None, 0.0, 0.0, 0.0)
     root = math.sqrt(sums.second / n)
+    kurtosis = sums.fourth / n / root**4
     return HeightStatistics(
         n_valid=n,
         mean=centre + rest,
         Sa=sums.absolute / n,
         Sq=root,
-        Ssk=sums.third / n / root**3,
-        Sku=sums.fourth / n / root**4,
+        # the sum of |d|^3 is at most n Sq^3 Sku^(3/4)
+        Ssk=without_rounding(sums.third / n / root**3, kurtosis**0.75),
+        Sku=kurtosis,
         Sp=(high - centre) - rest,
         Sv=(centre - low) + rest,
         Sz=high - low,

@@ -18,7 +18,7 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     TooFewSamplesError,
 )
-from metrosep.core.numbers import choice, flag, positive
+from metrosep.core.numbers import between, choice, flag, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -33,7 +33,7 @@ __all__ = ["form_deviation"]
 _OPTIONS: dict[str, tuple[str, ...]] = {
     "straightness": ("normal",),
     "flatness": (),
-    "roundness": ("exact", "radius"),
+    "roundness": ("exact", "radius", "upr", "upr_low"),
 }
 
 
@@ -45,6 +45,8 @@ def form_deviation(
     normal: bool = False,
     exact: bool = False,
     radius: float | None = None,
+    upr: float | None = None,
+    upr_low: float | None = None,
 ) -> FormDeviation:
     """Return the straightness, flatness or roundness deviation of an object.
 
@@ -64,6 +66,8 @@ def form_deviation(
         Roundness: true circles instead of limacons.
     radius : float, m, optional
         Roundness: radius that z is counted from.
+    upr, upr_low : float, optional
+        Roundness: cut-offs of a Gaussian filter of the closed trace, undulations per revolution.
 
     Returns
     -------
@@ -88,7 +92,9 @@ def form_deviation(
     Notes
     -----
     Positive deviations point out of the material, of round traces outwards. NaN is excluded and
-    counted. No filter is applied: filter before, and the history says so.
+    counted. No filter is applied but that of `upr` and `upr_low`: filter before, and the history says so.
+    With the filter a wave of n undulations keeps 2^-((n/upr)^2) of its amplitude, and with `upr_low`
+    1 - 2^-((n/upr_low)^2): half of it at each cut-off. The usual ones are 15, 50, 150, 500 and 1500.
 
     References
     ----------
@@ -103,6 +109,7 @@ def form_deviation(
     """
     normal, exact = flag(normal, "normal"), flag(exact, "exact")
     options = {"normal": normal, "exact": exact, "radius": radius is not None}
+    options |= {"upr": upr is not None, "upr_low": upr_low is not None}
     choice(kind, "the form", _OPTIONS)
     foreign = [name for name, given in options.items() if given and name not in _OPTIONS[kind]]
     if foreign:
@@ -115,7 +122,9 @@ def form_deviation(
         raise DataError(f"{kind} needs a Profile, got {type(obj).__name__}: take a section first")
     if kind == "straightness":
         return straightness_deviation(obj, reference=reference, normal=normal)
-    return roundness_deviation(obj, reference=reference, exact=exact, radius=radius)
+    return roundness_deviation(
+        obj, reference=reference, exact=exact, radius=radius, upr=upr, upr_low=upr_low
+    )
 
 
 # ---- flatness of a surface: minimum zone and least squares -------------------------------------
@@ -347,6 +356,8 @@ def roundness_deviation(
     reference: Reference = "MZ",
     exact: bool = False,
     radius: float | None = None,
+    upr: float | None = None,
+    upr_low: float | None = None,
 ) -> FormDeviation:
     """Return the roundness deviation RONt of a trace.
 
@@ -357,9 +368,10 @@ def roundness_deviation(
     e^2/(2 R) peak to valley. Where two opposite points hold the circumscribed or inscribed limacon,
     its centre is free across them; it is put where true circles of a centred part have it: at the
     smallest (MC) or largest (MI) offset from the least-squares centre. A last sample one turn after the first is the same place: each of the
-    two has half the weight in least squares. NaN is excluded and counted. No filter is applied.
+    two has half the weight in least squares. NaN is excluded and counted. `upr`, `upr_low`: cut-offs of a
+    Gaussian filter of what the least-squares circle leaves, so that the centre stays.
 
-    Source: ISO 12181-1:2011 (parameters), ISO 1101:2017 (default reference).
+    Source: ISO 12181-1:2011 (parameters), ISO 12181-2:2011 (filter, recalled), ISO 1101:2017 (reference).
 
     Examples
     --------
@@ -379,6 +391,12 @@ def roundness_deviation(
     weight = np.ones(valid.size)
     if closed:
         weight[[0, -1]] = 0.5
+    filtered = ""
+    if upr is not None or upr_low is not None:
+        points = CirclePoints(x, z - base, weight, datum)
+        local = best_circle(points, "LS", exact=exact).local
+        kept, filtered = _filtered(x, local, closed, upr, upr_low)
+        z = z - local + kept
     circle = best_circle(CirclePoints(x, z - base, weight, datum), reference, exact=exact)
     a, b = circle.centre
     if a * a + b * b <= _ROUNDING**2 * x.size * (z @ z):
@@ -395,8 +413,15 @@ def roundness_deviation(
             weights=weight,
             n_total=len(profile),
             history=profile.history,
-            settings={"model": model, **({} if radius is None else {"radius_m": radius})},
-            notes=_notes(x, gap, closed, circle, exact, datum),
+            settings={
+                "model": model,
+                **({} if radius is None else {"radius_m": radius}),
+                **({"filter": filtered} if filtered else {}),
+            },
+            notes=[
+                *([filtered] if filtered else []),
+                *_notes(x, gap, closed, circle, exact, datum),
+            ],
         ),
         reference_parameters=_parameters(circle, offset, reference, radius is None),
         residual=_residual(profile, valid, circle.local, reference, model),
@@ -404,6 +429,49 @@ def roundness_deviation(
         objective=circle.found.objective if circle.found else math.nan,
         bound=circle.found.bound if circle.found else math.nan,
     )
+
+
+def _filtered(
+    x: FloatArray, local: FloatArray, closed: bool, upr: float | None, upr_low: float | None
+) -> tuple[FloatArray, str]:
+    """Return the band of a closed trace between two cut-offs, and which filter that was."""
+    from metrosep.filters.gaussian import gaussian
+
+    n = x.size - closed
+    steps = np.diff(np.append(x[:n], x[0] + _TURN))
+    if np.abs(steps - _TURN / n).max() > _UNEQUAL * _TURN / n:
+        raise InvalidSamplesError(
+            f"a filter in undulations per revolution needs readings at equal angles over a whole turn; the steps "
+            f"are {math.degrees(steps.min()):.6g} to {math.degrees(steps.max()):.6g} deg: fill what was not "
+            "measured, or leave upr and upr_low out"
+        )
+    for value, name in ((upr, "upr"), (upr_low, "upr_low")):
+        if value is not None:
+            between(
+                value,
+                name,
+                1.0,
+                (n - 1) / 2.0,
+                why=f"{n} readings hold waves up to {(n - 1) // 2}",
+            )
+    if upr is not None and upr_low is not None and not upr_low < upr:
+        raise DataError(f"upr_low = {upr_low:g} must be smaller than upr = {upr:g}")
+    trace = Profile(_TURN / n * np.arange(n), local[:n])
+
+    def slow(cutoff: float) -> FloatArray:
+        return np.asarray(gaussian(trace, upr=cutoff, end="closed").z)
+
+    kept = trace.z if upr is None else slow(upr)
+    if upr_low is not None:
+        kept = kept - slow(upr_low)
+    ends = f"{'1' if upr_low is None else f'{upr_low:g}'} to {f'{(n - 1) // 2}' if upr is None else f'{upr:g}'}"
+    return np.append(
+        kept, kept[:1]
+    ) if closed else kept, f"Gaussian filter, {ends} UPR (ISO 12181-2)"
+
+
+_UNEQUAL = 1e-3
+"""Part of a step by which angles may be rounded before a filter."""
 
 
 def _check_angles(x: FloatArray, n_total: int) -> tuple[float, bool]:

@@ -20,7 +20,7 @@ import numpy as np
 
 from metrosep.core._arrays import BoolArray, FloatArray, lateral, place
 from metrosep.core.errors import DataError, OptionError, TooFewSamplesError
-from metrosep.core.numbers import choice, positive, real
+from metrosep.core.numbers import choice, positive, real, without_rounding
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.regions import check_region, in_pixels, needs_scale, within_region
@@ -566,7 +566,10 @@ def _fitted(
         other, _, known = solved(bowed=True)
         bow = height - _height_of(other, kind)[0] if known else 0.0
     u = float(np.sqrt(slopes @ found.cov @ slopes))
-    rms = float(np.sqrt(np.mean(np.square(residual[used]))))
+    size = float(np.abs(points.z[used]).max())
+    rms = without_rounding(float(np.sqrt(np.mean(np.square(residual[used])))), size)
+    if rms == 0.0:  # what the fit leaves are the last bits of the heights, and tells nothing
+        u = 0.0
     n, missing = int(used.sum()), int((within & ~used).sum())
     step = StepHeight(height, u, found.dof, 0.0, n, rms, kind, bow, missing)
     return step, coefficients

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.core.numbers import count, positive
+from metrosep.core.numbers import count, positive, without_rounding
 from metrosep.core.profile import Profile
 from metrosep.filters._arguments import SHORTFALL
 from metrosep.parameters.table import check_range
@@ -269,11 +269,13 @@ def amplitudes(heights: ArrayLike) -> Amplitudes:
     unit = z / scale
     square = unit * unit
     mean_square = float(square.mean())
+    ku = float((square * square).mean()) / mean_square**2
     return Amplitudes(
         a=scale * float(np.abs(unit).mean()),
         q=scale * mean_square**0.5,
-        sk=float((square * unit).mean()) / mean_square**1.5,
-        ku=float((square * square).mean()) / mean_square**2,
+        # the mean of |z|^3 is at most q^3 ku^(3/4)
+        sk=without_rounding(float((square * unit).mean()) / mean_square**1.5, ku**0.75),
+        ku=ku,
         p=p,
         v=v,
     )

@@ -18,7 +18,7 @@ from metrosep.core.errors import DataError
 from metrosep.core.readable import typeset
 from metrosep.plot.maps import separation_maps
 from metrosep.plot.placing import place_stack
-from metrosep.plot.polar import harmonic_bars, polar_plot
+from metrosep.plot.polar import draw_round, harmonic_bars, polar_plot, stacked
 from metrosep.plot.series_chart import draw_part_series
 from metrosep.plot.style import (
     BAND_FACTOR,
@@ -161,19 +161,23 @@ def draw_chart(chart: Chart) -> Figure | Axes:
 
 
 def _curves(chart: Chart) -> Figure:
-
     panels = chart["panels"]
     name, unit = chart["x"]["name"], chart["x"]["unit"]
     factor, label = _abscissa(name, unit, [c["x"] for p in panels for c in p["curves"]])
     scales = _scales(panels)
     colours = _line_colours(panels)
     with house_style():
-        usual = not any(_is_beside(p) or "\n" in f"{p['title']}{name}" for p in panels)
-        size = (7.2, 0.8 + 2.0 * len(panels))
+        closed = bool(chart.get("closed"))  # over a whole turn: about a circle, too
+        usual = not closed and not any(
+            _is_beside(p) or "\n" in f"{p['title']}{name}" for p in panels
+        )
+        size = (7.2, 0.8 + (2.6 if closed else 2.0) * len(panels))
         figure = new_figure(size, layout=None if usual else "constrained")
-        grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        turns = (len(panels) if chart.get("each") else 1) if closed else 0
+        grid, places = stacked(figure, len(panels), turns)
         for i, (axes, each) in enumerate(zip(grid, panels, strict=True)):
             _panel(axes, each, factor, scales[each["unit"]], colours[i])
+        _about_circles(chart, places, scales, colours)
         grid[-1].set_xlabel(label)
         if unit == "rad":
             from matplotlib.ticker import MultipleLocator
@@ -184,6 +188,25 @@ def _curves(chart: Chart) -> Figure:
         if usual:
             place_stack(figure, list(grid))
     return figure
+
+
+def _about_circles(
+    chart: Chart,
+    places: Sequence[Axes],
+    scales: Mapping[str, tuple[float, str]],
+    colours: Sequence[Sequence[str]],
+) -> None:
+    """Draw the curves of each panel about a circle, those of one unit enlarged alike."""
+    drawn = [
+        [(str(c["label"]), _numbers(c["x"]), _numbers(c["y"])) for c in p["curves"]]
+        for p in chart["panels"][: len(places)]
+    ]
+    most: dict[str, float] = {}
+    for panel, curves in zip(chart["panels"], drawn, strict=False):
+        sizes = [float(np.nanmax(np.abs(y))) for _, _, y in curves if np.isfinite(y).any()]
+        most[panel["unit"]] = max([most.get(panel["unit"], 0.0), *sizes])
+    for axes, panel, curves, own in zip(places, chart["panels"], drawn, colours, strict=False):
+        draw_round(axes, curves, own, scales[panel["unit"]], largest=most[panel["unit"]])
 
 
 # a curve whose label begins with "limit" is drawn dashed and grey, as every limit is

@@ -7,7 +7,7 @@ no meaning: motion is added to it with the magnification that the division tells
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,11 +19,12 @@ from metrosep.plot.style import COLOURS, DASHED, DOTTED, axes_or_new, house_styl
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from metrosep.machine import CircleTest
     from metrosep.separation.circles.spindle_result import SpindleMotion
 
-__all__ = ["circle_chart", "harmonic_bars", "polar_plot", "readable_unit"]
+__all__ = ["circle_chart", "draw_round", "harmonic_bars", "polar_plot", "readable_unit", "stacked"]
 
 _INNER = 2.2
 """Base circle in units of the largest motion: the chart keeps a hole."""
@@ -133,6 +134,64 @@ def circle_chart(test: CircleTest, ax: Axes | None = None) -> Axes:
         )
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, -0.02), ncols=2)
     return axes
+
+
+def stacked(figure: Figure, n: int, turns: int) -> tuple[list[Axes], list[Axes]]:
+    """Return n panels below each other, and places beside the first of them for pictures about a circle."""
+    cells = figure.add_gridspec(n, 2 if turns else 1, width_ratios=[1.55, 1.0] if turns else [1.0])
+    panels = [figure.add_subplot(cells[0, 0])]
+    panels += [figure.add_subplot(cells[i, 0], sharex=panels[0]) for i in range(1, n)]
+    for axes in panels[:-1]:
+        axes.tick_params(labelbottom=False)
+    return panels, [figure.add_subplot(cells[i, 1]) for i in range(turns)]
+
+
+def draw_round(
+    axes: Axes,
+    curves: Sequence[tuple[str, FloatArray, FloatArray]],
+    colours: Sequence[str],
+    printed: tuple[float, str],
+    *,
+    largest: float,
+) -> None:
+    """Draw curves over a turn (label, rad, values) about a circle, one alone between its two circles.
+
+    A gap of ten usual steps stays open. Values up to `largest` are enlarged alike in all pictures.
+    """
+    scale, unit = printed
+    size = largest * scale or 1.0
+    step = _round_step(size)
+    base = step * math.ceil(_INNER * size / step)
+    outer = base + step * math.ceil(size / step)
+    _grid(axes, base, step, outer)
+    for (label, angle, values), colour in zip(curves, colours, strict=True):
+        order = np.argsort(np.mod(angle, 2.0 * np.pi), kind="stable")
+        turn = np.append(
+            np.mod(angle, 2.0 * np.pi)[order], np.mod(angle, 2.0 * np.pi)[order][0] + 2.0 * np.pi
+        )
+        steps = np.diff(turn)
+        gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
+        turn = np.insert(turn, gaps, np.nan)
+        radius = np.insert(base + scale * _closed(values[order]), gaps, np.nan)
+        axes.plot(
+            radius * np.cos(turn),
+            radius * np.sin(turn),
+            color=colour,
+            lw=1.3,
+            zorder=4,
+            label=label or None,
+        )
+        if len(curves) == 1 and np.isfinite(values).any():
+            for end in (np.nanmin(values), np.nanmax(values)):
+                _circle(axes, base + scale * float(end), color=COLOURS["line"], ls=DASHED, lw=0.8)
+    axes.set(xlim=(-1.25 * outer, 1.25 * outer), ylim=(-1.25 * outer, 1.25 * outer))
+    axes.set_aspect("equal")
+    axes.axis("off")
+    axes.set_title(f"division {step:.4g} {unit}", fontsize=8.5)
+
+
+_GAP = 10.0
+"""Usual steps: a gap so wide in a turn was not measured."""
 
 
 def _round_step(size: float) -> float:

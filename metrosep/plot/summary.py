@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import is_rotary, numbers_of
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import FloatArray, is_turn
 from metrosep.core.errors import DataError
 from metrosep.plot.accepted import takes_documents, takes_separations
 from metrosep.plot.charts import draw_chart
 from metrosep.plot.left_out import left_out_plot, was_predicted
+from metrosep.plot.polar import draw_round, stacked
 from metrosep.plot.spectra import residual_psd, spectrum
 from metrosep.plot.style import (
     BAND_FACTOR,
@@ -339,8 +340,8 @@ def parts_plot(
     Returns
     -------
     matplotlib Figure or Axes
-        A panel for each part with a band of two standard uncertainties where they are known; the
-        given axes where there were some.
+        A panel for each part with a band of two standard uncertainties where they are known, over a whole
+        turn with the part about a circle beside it; the given axes where there were some.
 
     Raises
     ------
@@ -356,11 +357,31 @@ def parts_plot(
             _draw_parts([ax], separation, x, unit)
             _label_abscissa(ax, label)
             return ax
-        figure = new_figure((7.2, 0.6 + 2.1 * len(shown)))
-        panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
-        _draw_parts(list(panels), separation, x, unit)
+        turns = label.startswith("angle") and is_turn(np.radians(x))
+        figure = new_figure((7.2, 0.6 + (2.6 if turns else 2.1) * len(shown)))
+        panels, places = stacked(figure, len(shown), len(shown) if turns else 0)
+        printed = _draw_parts(panels, separation, x, unit)
+        if turns:
+            _draw_about(places, separation, shown, x, printed)
         _label_abscissa(panels[-1], label)
     return figure
+
+
+def _draw_about(
+    places: Sequence[Axes],
+    separation: Separation,
+    shown: Mapping[str, FloatArray],
+    x: FloatArray,
+    printed: Sequence[tuple[float, str]],
+) -> None:
+    """Draw each part about a circle, those of one unit enlarged alike."""
+    most: dict[str, float] = {}
+    for name, drawn in shown.items():
+        size = float(np.nanmax(np.abs(drawn))) if np.isfinite(drawn).any() else 0.0
+        most[separation.units[name]] = max(most.get(separation.units[name], 0.0), size)
+    for i, (axes, (name, drawn)) in enumerate(zip(places, shown.items(), strict=True)):
+        colour, largest = _PART_COLOURS[i % len(_PART_COLOURS)], most[separation.units[name]]
+        draw_round(axes, [("", np.radians(x), drawn)], [colour], printed[i], largest=largest)
 
 
 @takes_documents
@@ -395,18 +416,20 @@ def separation_parts(document: Mapping[str, Any]) -> Figure:
 
 def _draw_parts(
     panels: Sequence[Axes], separation: Separation, x: FloatArray, stated: str | None = None
-) -> None:
+) -> list[tuple[float, str]]:
+    """Draw each part over the positions; return factor and unit of each panel."""
+    printed = []
     shown = {k: v for k, v in separation.parts.items() if v.shape == x.shape}
     groups: dict[str, list[FloatArray]] = {}
     for name, drawn in shown.items():
         groups.setdefault(separation.units[name], []).append(drawn)
-    colours = (COLOURS["estimate"], COLOURS["after"], COLOURS["reverse"], COLOURS["before"])
     for i, (axes, (name, drawn)) in enumerate(zip(panels, shown.items(), strict=True)):
         factor, unit = _scale(groups[separation.units[name]], separation.units[name])
         if stated is not None:
             unit, size = stated_unit(stated, separation.units[name])
             factor = 1.0 / size
-        colour = colours[i % len(colours)]
+        printed.append((factor, unit))
+        colour = _PART_COLOURS[i % len(_PART_COLOURS)]
         half = BAND_FACTOR * separation.u[name]
         text = name.replace("_", " ")
         if np.isfinite(half).any():
@@ -422,6 +445,10 @@ def _draw_parts(
             axes.set_ylabel(
                 f"{'deviation' if separation.units[name].endswith('m') else 'angle'} / {unit}"
             )
+    return printed
+
+
+_PART_COLOURS = (COLOURS["estimate"], COLOURS["after"], COLOURS["reverse"], COLOURS["before"])
 
 
 def _abscissa(separation: Separation) -> tuple[FloatArray, str]:

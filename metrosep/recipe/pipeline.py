@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core.errors import InvalidSamplesError, MetrosepError
+from metrosep.core.numbers import without_rounding
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
@@ -429,9 +430,10 @@ def _form(obj: Measured, options: Mapping[str, Any], *, with_u: bool = True) -> 
     name = result.form.name
     u = result.u if with_u else dict.fromkeys(result.u_white, math.nan)
     dof = result.dof_effective if with_u else math.nan
+    least = _sizes(obj)
     found = {
         k: Quantity(
-            result.params[k],
+            without_rounding(result.params[k], least.get(result.units[k], 0.0)),
             result.units[k],
             f"{k.replace('_', ' ')} of the fitted {name}",
             u=float(v) if np.isfinite(v) else None,
@@ -449,6 +451,23 @@ def _form(obj: Measured, options: Mapping[str, Any], *, with_u: bool = True) -> 
     if lost:
         messages.append(f"{lost} measured heights lie where the {name} has no value")
     return Done(left, found, tuple(messages), result.to_dict() if with_u else {}, result)
+
+
+def _sizes(obj: Measured) -> dict[str, float]:
+    """Return of a height, an inclination and a curvature what the largest height makes of them, by unit."""
+    from metrosep.parameters.table import LEAST
+
+    size = max(abs(float(of.reduce(obj.z, axis=None))) for of in (np.fmin, np.fmax))
+    size = max(size, LEAST)  # a form of zeros has parameters of 1e-120
+    if isinstance(obj, Profile):
+        across = float(np.ptp(obj.x))
+    else:
+        across = math.hypot(
+            *((n - 1) * (d or 0.0) for n, d in zip(obj.shape, (obj.dy, obj.dx), strict=True))
+        )
+    if not across > 0.0:
+        return {"m": size}
+    return {"m": size, "rad": size / across, "1/m": size / across**2}
 
 
 def _left_by(name: str, result: Any) -> dict[str, Quantity]:

@@ -175,6 +175,74 @@ def test_a_trace_has_its_roundness_and_its_centre_however_it_was_run(metrosep, t
     assert max(panel["curves"][0]["y"]) == pytest.approx(2 * UM, abs=CLOSE)
 
 
+@pytest.mark.parametrize("reference", ["LS", "MZ"])
+def test_a_wave_at_a_cutoff_keeps_half_of_its_amplitude(metrosep, tmp_path, reference):
+    """In undulations per revolution: 2^-((n/upr)^2) stays, less 2^-((n/low)^2); the centre stays whole."""
+    a = np.arange(0.0, 360.0, 0.5)
+    for n, upr, low in (
+        (15, 15, None),
+        (50, 50, None),
+        (150, 150, None),
+        (15, 150, 15),
+        (30, 50, 15),
+        (3, None, 15),
+    ):
+        r = 5.0 * np.cos(np.radians(a - 30.0)) + 2.0 * np.cos(n * np.radians(a) + 0.4)
+        file = semicolons(
+            tmp_path / "t.txt", zip(a, r, strict=True), ("Winkel [deg]", "Abw. [um]")
+        )
+        words = ["--set", f"reference={reference}", "-o", str(tmp_path / f"{n}{upr}{low}")]
+        words += [
+            w for k, v in (("upr", upr), ("upr_low", low)) if v for w in ("--set", f"{k}={v}")
+        ]
+        code, found = values(metrosep, "geometry", "roundness", file, *TRACE, *words)
+        assert code == 0
+        kept = (2.0 ** -((n / upr) ** 2) if upr else 1.0) - (
+            2.0 ** -((n / low) ** 2) if low else 0.0
+        )
+        # of 720 readings: the crest of a fast wave lies up to half a step beside a reading
+        missed = 4 * UM * kept * (1.0 - np.cos(n * np.pi / 720))
+        assert abs(found["RONt"]["value"] - 4 * UM * kept) < missed + CLOSE
+        assert abs(found["RONq"]["value"] - np.sqrt(2.0) * UM * kept) < (
+            CLOSE if reference == "LS" else missed + CLOSE
+        )
+        text = (tmp_path / f"{n}{upr}{low}" / "result.json").read_text()
+        assert "centre 5 um off at 30 deg" in text
+        assert f"Gaussian filter, {low or 1} to {upr or 359} UPR (ISO 12181-2)" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ("upr=400",),
+            "upr must be between 1 and 359.5, got 400.0; 720 readings hold waves up to 359",
+        ),
+        (("upr=15", "upr_low=50"), "upr_low=50 must be smaller than --set upr=15"),
+        (("upr=0.5",), "upr must be between 1 and 359.5, got 0.5"),
+    ],
+)
+def test_a_cutoff_that_the_readings_do_not_hold_is_refused(metrosep, tmp_path, words, said):
+    file = semicolons(
+        tmp_path / "t.txt", zip(*trace(), strict=True), ("Winkel [deg]", "Abw. [um]")
+    )
+    given = [w for word in words for w in ("--set", word)]
+    code, _, err = metrosep("geometry", "roundness", file, *TRACE, *given)
+    assert code not in (0, 1)
+    assert said in " ".join(err.split())
+
+
+def test_a_filter_needs_equal_angles_and_says_so(metrosep, tmp_path):
+    a, r = trace()
+    rows = [row for k, row in enumerate(zip(a, r, strict=True)) if k != 200]
+    file = semicolons(tmp_path / "t.txt", rows, ("Winkel [deg]", "Abw. [um]"))
+    code, _, err = metrosep("geometry", "roundness", file, *TRACE, "--set", "upr=50")
+    assert code not in (0, 1)
+    assert "readings at equal angles over a whole turn; the steps are 0.5 to 1 deg" in " ".join(
+        err.split()
+    )
+
+
 def test_the_worst_section_counts_and_a_limit_judges_it(metrosep, tmp_path):
     files = [
         semicolons(tmp_path / f"s{k}.txt", zip(*trace(lobes=lobes), strict=True), ("Winkel [deg]", "Abw. [um]"))

@@ -250,3 +250,51 @@ def test_a_turn_that_does_not_come_back_is_refused(tmp_path, metrosep):
     assert code == 2
     assert "the values at 0 and 360 deg must be the same" in told
     assert not (tmp_path / "c.txt").exists()
+
+
+# ---- a unit typed wrong: an error of millimetres
+
+
+def test_micrometres_read_as_millimetres_are_refused(tmp_path, metrosep):
+    targets = np.arange(-120.0, 181.0, 20.0)
+    words = written(tmp_path / "run.csv", targets, lossy, unit="mm", seed=6)
+    text = (tmp_path / "run.csv").read_text().replace("_um", "_mm")
+    (tmp_path / "run.csv").write_text(text)
+    words = [str(w).replace("_um", "_mm") for w in words]
+    out = tmp_path / "x.comp"
+    code, _, told = metrosep("table", *words, "--axis", "X", "-o", out)
+    assert code == 1
+    assert (
+        "check the units of the readings; if they are right, state the stroke of the axis" in told
+    )
+    assert not out.exists()
+    code, _, told = metrosep(
+        "table", *words, "--axis", "X", "--machine", "stroke=10 mm", "-o", out
+    )
+    assert code == 0, told
+
+
+# ---- a file of the control alone, which does not say where its axis is referenced
+
+
+@pytest.mark.parametrize(("way", "grade"), [(1, "accepted"), (-1, "refused")])
+def test_a_file_without_sidecar_is_judged_from_where_it_is_zero(way, grade, tmp_path, metrosep):
+    zero = lossy(0.0, 1)
+    nodes = np.arange(-100.0, 201.0, 12.5)
+    body = "".join(
+        f"$AA_ENC_COMP[0,{i},X1]={way * (lossy(p, 1) - zero) * UM:.6f}\n"
+        for i, p in enumerate(nodes)
+    )
+    ends = "".join(
+        f"$AA_ENC_COMP_{name}[0,X1]={value}\n"
+        for name, value in (("STEP", 12.5), ("MIN", -100.0), ("MAX", 200.0), ("IS_MODULO", 0))
+    )
+    file = tmp_path / "eec.ini"
+    file.write_text(f"%_N_AX_EEC_INI\nCHANDATA(1)\n{body}{ends}M17\n")
+    run, *words = written(tmp_path / "run.csv", nodes, lossy, unit="mm", seed=7)
+    code, out, told = metrosep(
+        "verify", file, "--against", run, *words, "--format", "sinumerik-enc"
+    )
+    assert code == (0 if way > 0 else 1), told
+    assert grade in out + told
+    assert "zero of the machine moves" not in out + told

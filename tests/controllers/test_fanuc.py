@@ -387,7 +387,7 @@ def test_way_out_of_a_reference_that_is_no_position_works():
         return 0.1 * np.asarray(x) ** 2
 
     p = np.array([-20, -7, -3, 4, 9, 15, 30]) * 1e-3
-    with pytest.raises(TableError, match="make the table with reference=.* as an entry of it"):
+    with pytest.raises(TableError, match=r"make the table with reference=.* as an entry of it"):
         encode(CompensationTable.from_error(error, positions=p, axis="X", reference=0.0))
 
     more = CompensationTable.from_error(

@@ -77,6 +77,28 @@ def folder(tmp_path):
     return Folder(tmp_path)
 
 
+# --- a second program in the file ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("end", ["M30", "M2", "N90 M02"])
+def test_moves_behind_the_end_are_refused_and_never_left_as_they_are(folder, end):
+    error = folder.refused(
+        f"{START}G1 Z.1 F10\n{end}\nO2 (the second)\nG0 X4. C90.\nG1 Z.2 F10\nM30\n"
+    )
+
+    assert isinstance(error, UnsupportedFeatureError)
+    assert "line 6: X4.: it stands behind the end of the program" in str(error)
+
+
+@pytest.mark.parametrize(
+    "rest", ["%\nG1 X4. Z1.\n", "(X4.)\n", "O0002\n", "written on a Friday\n", "\n"]
+)
+def test_what_moves_nothing_behind_the_end_stays(folder, rest):
+    text, _ = folder.rewrite(f"{START}G1 Z.1 F10\nM30\n{rest}")
+
+    assert text.endswith(f"M30\n{rest}")
+
+
 # --- places that the text does not tell ---------------------------------------------------------
 
 

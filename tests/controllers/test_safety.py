@@ -235,7 +235,7 @@ def test_a_limit_of_one_axis_is_refused_for_a_map(tmp_path):
     x = np.linspace(0.0, 50e-3, 6)
     bed = CompensationMap.from_error(lambda x, y: 1e-4 * (x + y), x=x, y=x)
 
-    with pytest.raises(DataError, match=r"travel_low is of one axis.*CompensationMap"):
+    with pytest.raises(DataError, match=r"travel_low is of one axis.*measure the map over both"):
         controllers.write(bed, tmp_path / "x.csv", "csv-map", travel_low=0.0)
 
 

@@ -120,3 +120,28 @@ def test_a_table_that_is_not_one_is_refused_with_its_line(tmp_path, text, said):
     (tmp_path / "X.csv").write_text(text)
     with pytest.raises(MetrosepError, match=said):
         read_term_table(tmp_path / "X.csv", KINDS)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x_mm,EXX_um,EBX_urad\n0,0.25,-1.5\n10,-1.75,2\n",
+        "x_mm;EXX_um;EBX_urad\n0,0;0,25;-1,5\n10,0;-1,75;2\n",
+        "EXX_um\tEBX_urad\tx_mm\n0.25\t-1.5\t0\n-1.75\t2\t10\n",
+        "EBX_urad;x_mm;EXX_um\n-1,5;0;0,25\n2;10;-1,75\n",
+    ],
+)
+def test_marks_and_the_order_of_columns_do_not_matter(tmp_path, text):
+    (tmp_path / "x.csv").write_text(text)
+    found = read_term_table(tmp_path / "x.csv", KINDS)
+    # a quarter of the way, by hand
+    for name, value in (("EXX", -0.25e-6), ("EBX", -0.625e-6)):
+        term, span = found[name]
+        assert float(term.evaluate(2.5e-3)) == pytest.approx(value, abs=1e-15)
+        assert span == pytest.approx((0.0, 0.01), abs=1e-15)
+
+
+def test_a_place_that_was_not_measured_is_refused_by_its_line(tmp_path):
+    (tmp_path / "x.csv").write_text("# of May\nx_mm,EXX_um\n0,0.25\n10,NaN\n20,1\n")
+    with pytest.raises(DataError, match=r"x\.csv: line 4, EXX_um was not measured"):
+        read_term_table(tmp_path / "x.csv", KINDS)

@@ -156,7 +156,7 @@ def test_the_encoding_that_the_message_names_reads_the_units(put, names, encodin
     np.testing.assert_allclose(found.z, [1e-6 * v for v in Z], rtol=0.0, atol=TIGHT)
 
 
-@pytest.mark.parametrize("written", ["({})", "{}-"])
+@pytest.mark.parametrize("written", ["({})", "{}-", "- {}", "\u2212\u2009{}", "\u00ad{}", "{} -"])
 def test_a_minus_of_bookkeepers_is_not_offered_as_missing(put, written):
     """Who followed such a hint would lose each number below zero, and no other."""
     text = rows("heights last", written.format("0.25"))
@@ -209,3 +209,46 @@ def test_all_titles_of_blocks_are_left_out_at_once(put):
     runs = ms.read_runs(path, x="x [mm]", z="z [um]", run="blocks", **lines)
 
     assert [r.x.size for r in runs] == [N] * 4
+
+
+def test_a_count_below_the_rows_of_a_database_is_no_row(put):
+    found = ms.read(put(rows("heights last", "0.5") + "\n(40 rows affected)\n"))
+
+    assert found.x.size == N
+
+
+@pytest.mark.parametrize(
+    "name", ["Second", "Seconds", "sec", "Sekunden", "Secondes", "secondi", "秒"]
+)
+def test_a_column_called_after_seconds_is_a_time(put, name):
+    """A Siglent oscilloscope: Second,Value; a unit of lengths was asked for, and a time became a place."""
+    body = "".join(f"{4e-6 * k:.6e},{z}\n" for k, z in enumerate(Z))
+    found = ms.read(put(f"Record Length,Analog:40\nVertical Units,CH1:V\n{name},Value\n{body}"))
+
+    np.testing.assert_allclose(found.t, [4e-6 * k for k in range(N)], rtol=0.0, atol=1e-12)
+    assert found.channels["Value"].tolist() == Z
+
+
+def test_a_smallest_value_is_no_minute(put):
+    text = "\n".join(
+        ["x_mm;Min;Max", *(f"{x};{z};{z + 1}" for x, z in zip(X, Z, strict=True)), ""]
+    )
+
+    with pytest.raises(ms.errors.ReadError, match="none is a time"):
+        ms.read(put(text))
+
+
+def test_a_title_of_units_is_left_out_by_the_option_that_the_message_names(put):
+    path = put("nm um\n" + rows("heights last", "0.5"))
+    with pytest.raises(ms.errors.ReadError, match=r"line 1 with .* if it is a title") as caught:
+        ms.read(path)
+    found = ms.read(path, **option_of(str(caught.value), "skip_lines"))
+
+    np.testing.assert_allclose(found.x, [1e-3 * v for v in X], rtol=0.0, atol=TIGHT)
+
+
+def test_groups_of_two_digits_are_named(put):
+    text = "x [µm];z [nm]\n" + "".join(f"{k};1,{k:02d},000.50\n" for k in range(N))
+
+    with pytest.raises(ms.errors.ReadError, match="lakh"):
+        ms.read(put(text))

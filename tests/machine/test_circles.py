@@ -190,3 +190,30 @@ def test_bad_tests_are_refused_in_a_sentence():
 def test_an_uncalibrated_bar_is_said():
     test = circle_test(PLACES, slides(1), slides(-1), radius=R, feed=FEED, calibrated=False)
     assert "the bar is not calibrated" in " ".join(test.messages)
+
+
+def test_a_gap_does_not_move_the_centre_that_g_is_about():
+    """Without 40 to 60 deg, where no extreme lies; about the centre of the rest G was 0.6 um too large."""
+    ccw, cw = slides(1), slides(-1)
+    whole = circle_test(PLACES, ccw, cw, radius=R, feed=FEED)
+    degrees = np.degrees(PLACES)
+    gap = np.where((degrees > 40.0) & (degrees < 60.0), np.nan, ccw)
+    found = circle_test(PLACES, gap, cw, radius=R, feed=FEED)
+    about = (
+        ccw
+        - np.column_stack([np.cos(PLACES), np.sin(PLACES)])
+        @ np.linalg.lstsq(
+            np.column_stack([np.cos(PLACES), np.sin(PLACES), np.ones(360)]), ccw, rcond=None
+        )[0][:2]
+    )
+    assert not np.isnan(gap[[np.argmax(about), np.argmin(about)]]).any()
+    assert_allclose(whole.G["ccw"].value, np.ptp(about), rtol=0, atol=NM)
+    assert_allclose(found.G["ccw"].value, np.ptp(about), rtol=0, atol=2 * NM)
+    assert any("G and F do not see what lies there" in m for m in found.messages)
+
+
+def test_what_one_sense_does_not_tell_has_no_uncertainty():
+    found = circle_test(PLACES, slides(1), radius=R, feed=FEED)
+    for name in ("G_bidirectional", "D", "C0Y", "servo_mismatch"):
+        assert np.isnan(found.quantities[name].value)
+        assert found.quantities[name].u is None

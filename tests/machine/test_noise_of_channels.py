@@ -45,8 +45,8 @@ def test_a_loud_height_leaves_the_place_in_the_plane_as_well_known_as_it_is():
     ratio = np.median(loud["EZC"].sd(at)) / np.median(quiet["EZC"].sd(at))
     assert ratio == pytest.approx(15.0, abs=4.5)  # a standard deviation of 40 readings: 11 % each
     said = " ".join(loud.messages)
-    assert "ball 1: its readings in x, y and z have a noise of" in said
-    assert "have a noise of" not in " ".join(quiet.messages)
+    assert "ball 1: its readings in x, y and z have a white noise of" in said
+    assert "have a white noise of" not in " ".join(quiet.messages)
     rms = math.sqrt((2 * 0.2**2 + 3.0**2) / 3) * UM
     assert loud.noise["ball 1"] == pytest.approx(rms, rel=0, abs=0.3 * rms)
 

@@ -445,7 +445,7 @@ def test_a_stored_fit_says_the_same(learnt):
 
 def test_bad_input_is_refused():
     t, T, y = first_order(np.random.default_rng(1))
-    with pytest.raises(InvalidSamplesError, match="strictly rising"):
+    with pytest.raises(InvalidSamplesError, match="must rise from reading to reading"):
         fit_thermal(t[::-1], {"a": T}, {"EXX": y})
     with pytest.raises(InvalidSamplesError, match="has 599 values"):
         fit_thermal(t, {"a": T[1:]}, {"EXX": y})
@@ -487,3 +487,10 @@ def test_a_lag_is_right_where_the_power_is_switched_and_samples_are_few():
     assert lagged(t, ramp, lag) == pytest.approx(
         ramp - 1e-3 * lag * (1.0 - np.exp(-t / lag)), abs=1e-9
     )
+
+
+def test_a_clock_that_falls_is_named_with_its_reading():
+    """Two records one below the other: the clock begins anew at reading 4."""
+    t = np.array([0.0, 60.0, 120.0, 0.0, 60.0])
+    with pytest.raises(InvalidSamplesError, match="from 120 s to 0 s at reading 4"):
+        fit_thermal(t, {"nose": np.full(5, 294.0)}, {"EZZ": np.zeros(5)})

@@ -160,6 +160,7 @@ async function full() {
     tabs.reached(header);
   } catch (error) {
     if (!(error instanceof Superseded)) drawFull("", "full resolution failed");
+    if (error instanceof Refusal && tabs.chosen === "runs") return; // the runs say it where they are
     fail(error);
   }
 }
@@ -218,7 +219,9 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
   metrics.show(session);
   drawStage();
   tabs.changed(isNewFile, isNewFile ? session.view?.tab : undefined);
-  if (changed && session.kind) ladder.climb();
+  if (!changed || !session.kind) return;
+  drawFull("busy", "full resolution…"); // as the verdict waits for it
+  ladder.climb();
 }
 
 /** The step that is shown; of all steps the last that is carried out. */

@@ -265,6 +265,7 @@ def _by_shape(blocks: list[str], row: int, mover: Mover, state: ModalState, out:
 def _by_token(block: str, row: int, state: ModalState, out: Columns) -> None:
     line = out.line + row
     if state.ended:
+        state.refuse_behind(block, line)
         return
     tokens = tokenize(block, line)
     moves = state.apply(tokens, line)

@@ -216,7 +216,8 @@ def _touched(form: _Form, nose: float, c_sense: int, c_zero: float) -> Lookup:
     def at(x: FloatArray, c: FloatArray) -> FloatArray:
         angle = c_sense * c + c_zero if c_sense else np.zeros(x.shape)
         step, place = _NOSE_STEP * nose, np.array(x)
-        reached, off = np.isfinite(sine(place, angle)), np.zeros(x.shape)
+        reached = np.isfinite(sine(place, angle))
+        off = np.zeros(x.shape)
         for _ in range(_NOSE_STEPS):
             low, high = sine(place - step, angle), sine(place + step, angle)
             rise = 1.0 - nose * (high - low) / (2.0 * step)

@@ -76,6 +76,7 @@ class Reader:
         self.row += 1
         line = self.row
         if self.state.ended:
+            self.state.refuse_behind(block, line)
             return
         tokens = tokenize(block, line)
         moves = self.state.apply(tokens, line)

@@ -51,6 +51,7 @@ class OpenDocument:
         self.hidden = self._sheets.hidden
         self.merged: list[str] = []
         self.n_hidden_rows = 0
+        self.unseen: list[tuple[int, int]] = []
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -60,6 +61,7 @@ class OpenDocument:
     def rows(self, sheet: str) -> Iterator[tuple[int, list[Cell]]]:
         """Yield the number of each row, from 1, and its cells that hold something."""
         self.merged, self.n_hidden_rows = self._sheets.merged[sheet], self._sheets.n_hidden[sheet]
+        self.unseen = self._sheets.unseen[sheet]
         yield from self._sheets.rows[sheet]
 
     def text_of(self, cell: Cell, sheet: str) -> str:
@@ -85,6 +87,7 @@ class _Content:
         self.rows: dict[str, list[tuple[int, list[Cell]]]] = {}
         self.merged: dict[str, list[str]] = {}
         self.n_hidden: dict[str, int] = {}
+        self.unseen: dict[str, list[tuple[int, int]]] = {}  # first and last of hidden columns
         self.hidden: set[str] = set()
         self._unseen: set[str] = set()  # styles of tables that are not shown
         self._style = self._sheet = ""
@@ -121,6 +124,11 @@ class _Content:
             self._unseen.add(self._style)
         elif tag == "table":
             self._open(own)
+        elif tag == "table-column" and self._sheet:
+            first = self._column + 1
+            self._column += _count(own, "number-columns-repeated")
+            if own.get("visibility", "visible") != "visible":
+                self.unseen[self._sheet].append((first, self._column))
         elif tag == "table-row" and self._sheet:
             self._row, self._column = [], 0
             self._repeated = _count(own, "number-rows-repeated")
@@ -141,8 +149,8 @@ class _Content:
         self._sheet = own.get("name", "") or f"sheet {len(self.rows) + 1}"
         if self._sheet in self.rows:
             raise self._archive.corrupt(f"has two worksheets {self._sheet!r}", CONTENT)
-        self.rows[self._sheet], self.merged[self._sheet] = [], []
-        self.n_hidden[self._sheet] = self._number = 0
+        self.rows[self._sheet], self.merged[self._sheet], self.unseen[self._sheet] = [], [], []
+        self.n_hidden[self._sheet] = self._number = self._column = 0
         if own.get("style-name") in self._unseen:
             self.hidden.add(self._sheet)
 

@@ -389,6 +389,10 @@ class _Worksheets(_Container):
             notes += (
                 f"{where}: {grid.n_hidden} row(s) are hidden; they were read like the others",
             )
+        if unseen := [letters(c) for c in columns if any(a <= c <= b for a, b in grid.unseen)]:
+            notes += (
+                f"{where}: column(s) {', '.join(unseen)} are hidden; they were read like the others",
+            )
         if name in self._book.hidden:
             notes += (f"{where} is hidden in the workbook",)
         marked = any(
@@ -414,6 +418,7 @@ class _Grid:
     measured: frozenset[int]  # rows with a number
     n_numbers: int
     n_hidden: int
+    unseen: list[tuple[int, int]]  # first and last of hidden columns
     never_computed: str
 
     @classmethod
@@ -451,7 +456,9 @@ class _Grid:
         n_texts = sum(NUMBER_LIKE.fullmatch(t.strip()) is not None for _, t in texts)
         measured = frozenset(row for row, _ in typed)
         n_numbers = len(typed) + n_texts
-        return cls(rows, texts, measured, n_numbers, book.n_hidden_rows, never_computed)
+        return cls(
+            rows, texts, measured, n_numbers, book.n_hidden_rows, book.unseen, never_computed
+        )
 
 
 # ---- SQLite: tables only, since a view may compute without end --------------------------------------

@@ -82,6 +82,7 @@ class Workbook:
         self._archive = _Archive(file, "the workbook", "save it again as .xlsx")
         self.corrupt = self._archive.corrupt
         self.hidden: set[str] = set()
+        self.unseen: list[tuple[int, int]] = []  # hidden columns of the sheet that was read last
         self._sheets = self._list_sheets()
 
     @property
@@ -127,6 +128,7 @@ class Workbook:
                     before = number
                     yield number, row
         self.merged, self.n_hidden_rows = parser.merged, parser.n_hidden
+        self.unseen = parser.unseen
 
     def text_of(self, cell: Cell, sheet: str) -> str:
         """Return what a cell holds as text: a number as it is written, an error by its sign."""
@@ -266,6 +268,7 @@ class _SheetParser:
         self._parser.StartDoctypeDeclHandler = self._refuse
         self.merged: list[str] = []
         self.n_hidden = 0
+        self.unseen: list[tuple[int, int]] = []  # first and last of hidden columns
         self._rows: list[tuple[int, list[Cell]]] = []
         self._row: list[Cell] | None = None
         self._number = self._column = self._style = 0
@@ -309,6 +312,9 @@ class _SheetParser:
             self._formula = True
         elif self._in_cell and tag == "rPh":
             self._in_cell = False  # how a text is spoken, behind the text itself
+        elif tag == "col" and attributes.get("hidden") in ("1", "true"):
+            span = (_index(attributes.get(k, "0")) for k in ("min", "max"))
+            self.unseen.append((next(span), next(span)))
         elif tag == "mergeCell":
             self.merged.append(str(attributes.get("ref", "")))
 

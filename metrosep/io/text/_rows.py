@@ -82,8 +82,8 @@ DECIMAL_SHOWN = {
 
 _REMARK = re.compile(r"\s+[#%]\s*[^\W\d].*")
 """What somebody wrote behind a row."""
-_COUNTED = re.compile(r"\(\d+ [^\W\d]+\)|\d+ rows? in set\b.*")
-"""What a database writes below a table: (20 rows), 20 rows in set (0.00 sec)."""
+_COUNTED = re.compile(r"\(\d+ [^\W\d]+(?: [^\W\d]+)?\)|\d+ rows? in set\b.*")
+"""What a database writes below a table: (20 rows), (20 rows affected), 20 rows in set (0.00 sec)."""
 _RULED = "-=*~_<>[] "
 """What people put round a line below a table: --- end ---."""
 

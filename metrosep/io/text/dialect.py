@@ -833,6 +833,11 @@ def _looks_like_thousands(body: list[str], dialect: Dialect) -> bool:
 def _no_dialect(sample: list[str], path: object) -> ReadError:
     grouped = [s for s in sample if _THOUSANDS_SPACE.search(s) or re.search(r"\d'\d{3}", s)]
     mixed = [line for line in sample if re.search(r"\d,\d{3}\.\d|\d\.\d{3},\d", line)]
+    if lakhs := [s for s in sample if re.search(r"(?<!\d)\d{1,2}(?:,\d\d)+,\d{3}(?!\d)", s)]:
+        return AmbiguousFormatError(
+            f"{path}: the line {lakhs[0].strip()[:60]!r} holds numbers in groups of two digits (lakh, crore), which "
+            "are not read; export it without groups"
+        )
     if grouped or mixed:
         return AmbiguousFormatError(
             f"{path}: the line {(mixed or grouped)[0].strip()[:60]!r} seems to hold numbers in groups of "

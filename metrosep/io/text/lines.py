@@ -147,18 +147,23 @@ def one_or_thousand(
     )
 
 
+_ODD_MINUS = re.compile(
+    r"\(\s*([\d.,]+)\s*\)|([\d.,]+)\s*[-\u2212]|[-\u2212\u2013\u00ad]\s*([\d.,]+)"
+)
+"""A number below zero as bookkeepers, word processors and typesetters write it."""
+
+
 def bad_field(
     file: RawFile, line: int, field: str, where: str, what: str = "number"
 ) -> CorruptFileError:
     """Return the error about a field that is not a number, or whatever the others are."""
     grouped = re.fullmatch(r"[+-]?\d{1,3}(?:([.,'])\d{3})+(?:[.,]\d+)?", field)
-    kept = re.fullmatch(r"\(([\d.,]+)\)|([\d.,]+)[-\u2212]", field)
-    if kept:  # as bookkeepers write what they lack
+    if below := _ODD_MINUS.fullmatch(field):
         return file.corrupt(
-            f"{where} holds a number with its minus behind it or in brackets for a minus",
+            f"{where} holds a number with its minus behind it, apart from it, or in brackets for a minus",
             field=f"line {line}",
             found=repr(field[:40]),
-            hint=f"write it as -{kept[1] or kept[2]}, and all others alike",
+            hint=f"write it as -{next(filter(None, below.groups()))}, and all others alike",
         )
     options = f"{file.also_missing(field[:40])} if it means not measured, {file.without_lines(line)} to leave the line out"
     if grouped:

@@ -751,7 +751,8 @@ _BEGIN = frozenset("0123456789+-.,(\u2212")
 
 
 def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
-    n = len(table.numbers)
+    numbers = tuple(c.name for c in table.numbers)
+    n = len(numbers)
     found = runs_in(table)
     if found is not None:
         return SeveralRunsError(file.path, found)
@@ -778,7 +779,8 @@ def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
     if n == 1:
         advice = "give the step of the positions with lateral_step='... um', or sampling_rate="
     else:
-        run = next((c.name for c in table.columns if role_of(c.name) == "run"), "COLUMN")
+        runs = (c.name for c in table.columns if role_of(c.name) == "run" and c.unit is None)
+        run = next(runs, "COLUMN")
         call = shlex.join(["--x", "COLUMN", "--z", "COLUMN", "--run", run])
         advice = (
             "name two with x= and z=, give sampling_rate= for a recording without a column of time, or "
@@ -787,7 +789,7 @@ def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
         if is_matrix(table):
             advice += "; for a map of heights give unit='nm' and lateral_step='3 um'"
     return FormatMismatchError(
-        f"{file.path}: has {n} column(s) of numbers ({shown_columns(table.names)}) and none is a time; "
+        f"{file.path}: has {n} column(s) of numbers ({shown_columns(numbers)}) and none is a time; "
         f"{advice}"
     )
 

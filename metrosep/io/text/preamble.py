@@ -109,6 +109,15 @@ _UNDERLINE = 5
 """Dashes in a row from which a line below the name of a single column is drawn: shorter ones are words."""
 
 
+def _unit_of(name: str) -> Unit | None:
+    """Return the unit that the name of a column declares; a column called Second counts them."""
+    unit = header_unit(name)[1]
+    if unit is None and (len(name) > len("s") + 1 or not name.isascii()):
+        own = bare_unit(name)
+        return own if own is not None and own.name == "s" else None
+    return unit
+
+
 class Preamble:
     """The lines above a table: units, names, a count; text above the names is a preamble."""
 
@@ -126,6 +135,7 @@ class Preamble:
         self._names: list[str] | None = None
         self._units: list[Unit | None] | None = None
         self._as_written: list[str] = []  # the row of units
+        self._units_at = 0  # its line, 0 for a comment
         self._listed_at: tuple[int, str] | None = None  # units behind a word, above the names
         self._count: int | None = None
         self._named_at = (0, "")
@@ -167,6 +177,7 @@ class Preamble:
             self._take_odd_names(number, empty)
             self._units = units * self._n if shared else units
             self._as_written = fields * self._n if shared else fields
+            self._units_at = number
             if listed and self._names is None:
                 self._listed_at = (number, line.strip())
             self.rows.append(fields)
@@ -378,7 +389,7 @@ class Preamble:
         for i, text in enumerate(self._as_written):
             if is_other_unit(text) and any(map(str.isalpha, text)):
                 names[i] = f"{names[i]} [{text.strip('[]()<> ')}]"
-        units = [header_unit(n)[1] if self.named else None for n in raw]
+        units = [_unit_of(n) if self.named else None for n in raw]
         for name, unit in zip(raw, units, strict=True):
             inner = header_unit(name)[0].strip()
             other = header_unit(inner)[1] if inner.endswith((")", "]")) else None
@@ -394,10 +405,17 @@ class Preamble:
             if own is not None and unit is not None and own != unit:
                 raise FormatMismatchError(
                     f"{self._file.path}: column {names[i]!r} is in {own.name} by its name, but in "
-                    f"{unit.name} by the row of units; correct the header"
+                    f"{unit.name} by the row of units; correct the header{self._or_without_units()}"
                 )
             units[i] = own or unit
         return tuple(names), tuple(units)
+
+    def _or_without_units(self) -> str:
+        """Return the option that leaves out a row of units that may be a title, such as nm um."""
+        out = self._file.without_lines(self._units_at)
+        return f", or leave out line {self._units_at} with {out} if it is a title" * (
+            self._units_at > 0
+        )
 
     def _is_list(self, names: Sequence[str], units: Sequence[Unit | None]) -> bool:
         """Return whether the units above the names are a list that agrees with theirs, not one for each column.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import FloatArray, is_turn
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
@@ -375,15 +375,9 @@ def curves_of(produced: Separation) -> list[dict[str, Any]]:
             caption="Each part with ± 2 standard uncertainties where they are known. What the "
             "method cannot see is listed above. Gaps were not measured.",
         )
-        turned = {"closed": True, "each": True} if _unit(name) == "rad" and _is_turn(x) else {}
+        turned = {"closed": True, "each": True} if _unit(name) == "rad" and is_turn(x) else {}
         charts.append(chart | turned)
     return charts
-
-
-def _is_turn(angle: FloatArray) -> bool:
-    """Whether angles go once around: the next step would be back at the first."""
-    step = np.ptp(angle) / max(angle.size - 1, 1)
-    return bool(abs(np.ptp(angle) + step - 2.0 * np.pi) < 1.5 * step)
 
 
 _WORDS = {"x": "position", "y": "position along y", "carriage_x": "carriage position"}

@@ -324,6 +324,12 @@ class Roundness(_Judged):
         kind="flag",
         help="true circles in place of limacons R + a cos + b sin, for large eccentricities",
     )
+    upr: float | None = option(
+        None, kind="number", help="Gaussian filter: half of the amplitude of so many undulations per revolution is kept, more of slower ones: 15, 50, 150 (ISO 12181-2); readings at equal angles"
+    )  # fmt: skip
+    upr_low: float | None = option(
+        None, kind="number", help="the same for slower ones: with upr the band upr_low to upr"
+    )
 
     def evaluated(self, data: tuple[RoleColumns, ...]) -> MeasuredGeometry:
         """Return the roundness of the worst section, with the circle of each."""
@@ -336,7 +342,8 @@ class Roundness(_Judged):
                 f"{f'{label}: ' if label else ''}RONt {format_length(one.value)}, centre {shift} off at "
                 f"{np.degrees(np.arctan2(b, a)) % 360.0:.4g} deg"
             )
-            notes += [f"section {label}: {n}" if label else n for n in one.notes[:1]]
+            n_said = 1 if self.upr is None and self.upr_low is None else 2  # the filter, the model
+            notes += [f"section {label}: {n}" if label else n for n in one.notes[:n_said]]
         messages = tuple(dict.fromkeys(notes))
         return replace(made, titles=titles, messages=messages, is_trace=True)
 
@@ -390,6 +397,8 @@ class Roundness(_Judged):
                     reference=reference,
                     exact=self.exact,
                     radius=self.nominal_radius,
+                    upr=self.upr,
+                    upr_low=self.upr_low,
                 )
             except MetrosepError as exc:
                 why = re.sub(
