@@ -23,9 +23,9 @@ from metrosep.io.own_notes import is_marked
 from metrosep.io.several_runs import BLOCKS, COLUMNS, FoundRuns
 from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import encoding_hint, find_column, header_unit, holds_counts
+from metrosep.io.text.encoding import ROLE_WORDS, Role
 from metrosep.io.text.table import Column, Table
 from metrosep.io.text.times import LONG_AGO_S, written_moments
-from metrosep.io.text.words import ROLE_WORDS, Role
 
 __all__ = [
     "ColumnSpec",

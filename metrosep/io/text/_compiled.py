@@ -304,8 +304,8 @@ class Words(Sequence[str]):
         return text in self.different
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        known: NDArray[Any] = self.known.astype(dtype or np.str_)
-        return known[self.codes]
+        texts: NDArray[Any] = self.known.astype(dtype or np.str_)[self.codes]
+        return texts
 
     @cached_property
     def different(self) -> tuple[str, ...]:

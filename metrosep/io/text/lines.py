@@ -13,7 +13,7 @@ import numpy as np
 from metrosep.core.errors import AmbiguousFormatError, CorruptFileError
 from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import NUMBER_LIKE, Layout, header_unit, is_comment, n_used
-from metrosep.io.text.words import NO_READING
+from metrosep.io.text.encoding import NO_READING
 
 __all__ = [
     "Ledger",

@@ -19,8 +19,8 @@ from metrosep.io.text.dialect import (
     n_used,
     split_header,
 )
+from metrosep.io.text.encoding import NO_READING, ROLE_WORDS
 from metrosep.io.text.lines import bad_field, is_drawn
-from metrosep.io.text.words import NO_READING, ROLE_WORDS
 
 __all__ = ["BEGUN", "Preamble", "names_a_number"]
 
