@@ -298,3 +298,25 @@ def test_a_file_without_sidecar_is_judged_from_where_it_is_zero(way, grade, tmp_
     assert code == (0 if way > 0 else 1), told
     assert grade in out + told
     assert "zero of the machine moves" not in out + told
+
+
+# ---- Turbo PMAC: lost motion in a table of its own
+
+
+def test_a_backlash_table_alone_names_the_table_that_it_belongs_to(tmp_path, metrosep):
+    rising = lambda p, way: lossy(p, 1) + (1.3 + 0.002 * p) * (way < 0)  # noqa: E731
+    words = written(
+        tmp_path / "run.csv", np.arange(-120.0, 181.0, 20.0), rising, unit="mm", seed=8
+    )
+    size = ["--axis", "X", "--machine", "count=100 nm"]
+    out, ahead = tmp_path / "back.pmc", tmp_path / "ahead.pmc"
+    code, _, told = metrosep("table", *words, *size, "--format", "pmac-backlash", "-o", out)
+    assert code == 1
+    assert "this file alone leaves the error of one direction as it is" in told
+    assert 'name their file in --machine "comp=...' in told
+    forward = ["--format", "pmac", "--table-direction", "forward", "-o", ahead]
+    code, _, told = metrosep("table", *words, *size, *forward)
+    assert code == 0, told
+    both = ["--format", "pmac-backlash", "--machine", f"comp={ahead}", "-o", out]
+    code, _, told = metrosep("table", *words, *size, *both)
+    assert code == 0, told
