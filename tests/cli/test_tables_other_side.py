@@ -190,6 +190,19 @@ def test_the_reference_is_an_entry_of_every_spacing(reference, spacing, tmp_path
     assert abs(float(correction(reference, 1))) < 1e-12  # mm
 
 
+def test_a_format_that_takes_any_positions_keeps_its_ends(tmp_path, metrosep):
+    targets = np.array([-120.0, -113.2, -104.9, -98.3, -88.1, -80.4, -71.8, -60.0])
+    words = written(tmp_path / "run.csv", targets, lossy, unit="mm", seed=9)
+    out = tmp_path / "x.comp"
+    code, _, told = metrosep(
+        "table", *words, "--axis", "X", "--reference", "-98.3 mm", "--spacing", "5 mm", "-o", out
+    )
+    assert code == 0, told
+    nominal, ahead, _ = np.loadtxt(out, unpack=True)
+    assert np.array_equal(nominal, np.sort([*np.arange(-120.0, -59.0, 5.0), -98.3]))
+    assert ahead[nominal == -98.3] == -98.3
+
+
 # ---- one turn, whose readings at 0 and 360 degrees are never the same number
 
 
