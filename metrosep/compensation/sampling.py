@@ -49,6 +49,7 @@ __all__ = [
     "sample_area",
     "sample_error",
     "significant_lost_motion",
+    "spaced_with_zero",
 ]
 
 ErrorFunction = Callable[[FloatArray], FloatArray]
@@ -290,6 +291,16 @@ def _multiples(
             f"no two multiples of {text!r} lie in {covered}; use a finer spacing"
         ).hinting(spacing=rounded_spacing((high - low) / USUAL_ENTRIES, axis))
     return np.clip(zero + np.arange(first, last + 1) * spacing, *span)
+
+
+def spaced_with_zero(error: ErrorSource, text: str, axis: str, zero: float) -> FloatArray:
+    """Return the multiples of a spacing in the range of an error, and a place of zero correction among them."""
+    span = _require_range(error)
+    found = _multiples(text, span, axis)
+    near = _SAME * (span[1] - span[0])
+    if not span[0] <= zero <= span[1]:
+        return found
+    return np.sort(np.append(found[np.abs(found - zero) > near], zero))
 
 
 def rounded_spacing(size: float, axis: str = "X", *, up: bool = False) -> str:

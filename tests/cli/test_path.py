@@ -81,7 +81,7 @@ def test_error_of_the_map_is_subtracted(call, tmp_path):
         == PROGRAM
     )
     assert "3 of 7 blocks changed" in err
-    assert "1 words inserted" in err
+    assert "1 word inserted" in err
     assert json.loads((tmp_path / "out.nc.json").read_text())["correction"]["c_sense"] == 1
 
 

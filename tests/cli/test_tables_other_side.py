@@ -190,6 +190,19 @@ def test_the_reference_is_an_entry_of_every_spacing(reference, spacing, tmp_path
     assert abs(float(correction(reference, 1))) < 1e-12  # mm
 
 
+def test_a_format_that_takes_any_positions_keeps_its_ends(tmp_path, metrosep):
+    targets = np.array([-120.0, -113.2, -104.9, -98.3, -88.1, -80.4, -71.8, -60.0])
+    words = written(tmp_path / "run.csv", targets, lossy, unit="mm", seed=9)
+    out = tmp_path / "x.comp"
+    code, _, told = metrosep(
+        "table", *words, "--axis", "X", "--reference", "-98.3 mm", "--spacing", "5 mm", "-o", out
+    )
+    assert code == 0, told
+    nominal, ahead, _ = np.loadtxt(out, unpack=True)
+    assert np.array_equal(nominal, np.sort([*np.arange(-120.0, -59.0, 5.0), -98.3]))
+    assert ahead[nominal == -98.3] == -98.3
+
+
 # ---- one turn, whose readings at 0 and 360 degrees are never the same number
 
 
@@ -298,3 +311,25 @@ def test_a_file_without_sidecar_is_judged_from_where_it_is_zero(way, grade, tmp_
     assert code == (0 if way > 0 else 1), told
     assert grade in out + told
     assert "zero of the machine moves" not in out + told
+
+
+# ---- Turbo PMAC: lost motion in a table of its own
+
+
+def test_a_backlash_table_alone_names_the_table_that_it_belongs_to(tmp_path, metrosep):
+    rising = lambda p, way: lossy(p, 1) + (1.3 + 0.002 * p) * (way < 0)  # noqa: E731
+    words = written(
+        tmp_path / "run.csv", np.arange(-120.0, 181.0, 20.0), rising, unit="mm", seed=8
+    )
+    size = ["--axis", "X", "--machine", "count=100 nm"]
+    out, ahead = tmp_path / "back.pmc", tmp_path / "ahead.pmc"
+    code, _, told = metrosep("table", *words, *size, "--format", "pmac-backlash", "-o", out)
+    assert code == 1
+    assert "this file alone leaves the error of one direction as it is" in told
+    assert 'name their file in --machine "comp=...' in told
+    forward = ["--format", "pmac", "--table-direction", "forward", "-o", ahead]
+    code, _, told = metrosep("table", *words, *size, *forward)
+    assert code == 0, told
+    both = ["--format", "pmac-backlash", "--machine", f"comp={ahead}", "-o", out]
+    code, _, told = metrosep("table", *words, *size, *both)
+    assert code == 0, told
