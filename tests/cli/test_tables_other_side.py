@@ -250,3 +250,30 @@ def test_a_turn_that_does_not_come_back_is_refused(tmp_path, metrosep):
     assert code == 2
     assert "the values at 0 and 360 deg must be the same" in told
     assert not (tmp_path / "c.txt").exists()
+
+
+def test_a_turn_stays_one_whose_reference_is_no_multiple_of_the_spacing(tmp_path, metrosep):
+    """Counted from 10 deg on, entries every 15 deg would end at 355: no turn, and a jump where C rolls over."""
+    places = np.arange(0.0, 361.0, 2.0)
+    rows = [f"{p},{rotary(p, 1) + 0.01 * k:.4f},{k}" for k in range(3) for p in places]
+    (tmp_path / "c.csv").write_text("\n".join(["c_deg,z_um,run", *rows]) + "\n")
+    out = tmp_path / "c.txt"
+    code, _, told = metrosep(
+        "table", tmp_path / "c.csv", "--x", "c_deg", "--z", "z_um", "--run", "run", "--method", "mean", "--axis", "C",
+        "--compensates", "Z", "--format", "csv", "--reference", "10 deg", "--spacing", "15 deg", "-o", out,
+    )  # fmt: skip
+    assert code in (0, 3), told
+    assert "0 ... 360 deg, 25 entries" in told
+
+
+@pytest.mark.parametrize(("spacing", "is_said"), [(25.0, True), (1.0, False)])
+def test_what_the_entries_do_not_reach_is_said(spacing, is_said, tmp_path, metrosep):
+    """Entries every 25 mm from 7.3 mm on end at 82.3 mm; of 100 mm that were measured 17.7 mm are not corrected."""
+    error = lambda p, way: 5.0 * np.sin(2 * np.pi * p / 170) + 0.03 * p  # noqa: E731
+    words = written(tmp_path / "run.csv", np.arange(0.0, 101.0, 5.0), error, unit="mm", seed=7)
+    code, _, told = metrosep(
+        "table", *words, "--axis", "X", "--reference", "7.3 mm", "--spacing", f"{spacing} mm", "-o", tmp_path / "x.comp",
+    )  # fmt: skip
+    assert code == 0, told
+    said = "the entries reach over 7.3 ... 82.3 mm, the error is known over 0 ... 100 mm"
+    assert (said in told) is is_said

@@ -5,7 +5,15 @@ from __future__ import annotations
 import re
 from typing import Final, Literal, TypeAlias
 
-__all__ = ["BEYOND", "MISSING", "NO_READING", "ROLE_WORDS", "Role", "is_error_cell"]
+__all__ = [
+    "BEYOND",
+    "MISSING",
+    "NO_READING",
+    "ROLE_WORDS",
+    "Role",
+    "is_error_cell",
+    "may_be_error_cell",
+]
 
 Role: TypeAlias = Literal[
     "position", "height", "time", "feed", "run", "direction", "angle", "temperature", "index"
@@ -84,13 +92,20 @@ _SPREADSHEET = frozenset(
 _ERROR_CELL = re.compile(
     rf"(?:{'|'.join(sorted(map(re.escape, _SPREADSHEET)))})(?=[\s;,|\"]|$)", re.IGNORECASE
 )
-_LIKE_ERROR = re.compile(r"#[¡¿]?[^\W\d_a-z][^\Wa-z]*[!?](?=[;,|\t\"]|$)|##+\"?[;,|\t]\"?[-+.\d]")
-"""A cell with the error of another program, and one that is too narrow for its number."""
+_SIGN = r"#[¡¿]?[^\W\d_a-z][^\Wa-z]*[!?]"
+_LIKE_ERROR = re.compile(rf'(?:{_SIGN}|##+)"?[;,|\t]"?[-+.\d]')
+"""A cell with the error of another program or too narrow for its number, before a number: #STOP! alone is a remark."""
+_ALONE = re.compile(_SIGN)
 
 
 def is_error_cell(text: str) -> bool:
     """Return whether a row begins with a cell of a spreadsheet that shows no number, #N/A or ####, and no comment."""
     return _ERROR_CELL.match(text) is not None or _LIKE_ERROR.match(text) is not None
+
+
+def may_be_error_cell(text: str) -> bool:
+    """Return whether the whole of a field may be the error of another program, #VÄRDEFEL!, or a remark, #STOP!."""
+    return _ALONE.fullmatch(text) is not None
 
 
 MISSING: Final = (
