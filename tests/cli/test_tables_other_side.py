@@ -333,3 +333,31 @@ def test_a_backlash_table_alone_names_the_table_that_it_belongs_to(tmp_path, met
     both = ["--format", "pmac-backlash", "--machine", f"comp={ahead}", "-o", out]
     code, _, told = metrosep("table", *words, *size, *both)
     assert code == 0, told
+
+
+def test_a_turn_stays_one_whose_reference_is_no_multiple_of_the_spacing(tmp_path, metrosep):
+    """Counted from 10 deg on, entries every 15 deg would end at 355: no turn, and a jump where C rolls over."""
+    places = np.arange(0.0, 361.0, 2.0)
+    rows = [f"{p},{rotary(p, 1) + 0.01 * k:.4f},{k}" for k in range(3) for p in places]
+    (tmp_path / "c.csv").write_text("\n".join(["c_deg,z_um,run", *rows]) + "\n")
+    out = tmp_path / "c.txt"
+    code, _, told = metrosep(
+        "table", tmp_path / "c.csv", "--x", "c_deg", "--z", "z_um", "--run", "run", "--method", "mean", "--axis", "C",
+        "--compensates", "Z", "--format", "csv", "--reference", "10 deg", "--spacing", "15 deg", "-o", out,
+    )  # fmt: skip
+    assert code in (0, 3), told
+    assert "0 ... 360 deg, 26 entries" in told  # and the reference
+
+
+@pytest.mark.parametrize(("spacing", "is_said"), [(25.0, True), (1.0, False)])
+def test_what_the_entries_do_not_reach_is_said(spacing, is_said, tmp_path, metrosep):
+    """Entries every 25 mm from 7.3 mm on end at 82.3 mm; of 100 mm that were measured 17.7 mm are not corrected."""
+    error = lambda p, way: 5.0 * np.sin(2 * np.pi * p / 170) + 0.03 * p  # noqa: E731
+    words = written(tmp_path / "run.csv", np.arange(0.0, 101.0, 5.0), error, unit="mm", seed=7)
+    code, _, told = metrosep(
+        "table", *words, "--axis", "X", "--reference", "7.3 mm", "--spacing", f"{spacing} mm",
+        "--format", "sinumerik-enc", "--machine", "machine_axis=X1", "-o", tmp_path / "x.ini",
+    )  # fmt: skip
+    assert code == 0, told
+    said = "the entries reach over 7.3 ... 82.3 mm, the error is known over 0 ... 100 mm"
+    assert (said in told) is is_said

@@ -28,6 +28,7 @@ __all__ = [
     "head_text",
     "is_error_cell",
     "lines_before",
+    "may_be_error_cell",
     "plain_ends",
     "refuse_zero_bytes",
     "zero_byte",
@@ -110,13 +111,20 @@ _SPREADSHEET = frozenset(
 _ERROR_CELL = re.compile(
     rf"(?:{'|'.join(sorted(map(re.escape, _SPREADSHEET)))})(?=[\s;,|\"]|$)", re.IGNORECASE
 )
-_LIKE_ERROR = re.compile(r"#[¡¿]?[^\W\d_a-z][^\Wa-z]*[!?](?=[;,|\t\"]|$)|##+\"?[;,|\t]\"?[-+.\d]")
-"""A cell with the error of another program, and one that is too narrow for its number."""
+_SIGN = r"#[¡¿]?[^\W\d_a-z][^\Wa-z]*[!?]"
+_LIKE_ERROR = re.compile(rf'(?:{_SIGN}|##+)"?[;,|\t]"?[-+.\d]')
+"""A cell with the error of another program or too narrow for its number, before a number: #STOP! alone is a remark."""
+_ALONE = re.compile(_SIGN)
 
 
 def is_error_cell(text: str) -> bool:
     """Return whether a row begins with a cell of a spreadsheet that shows no number, #N/A or ####, and no comment."""
     return _ERROR_CELL.match(text) is not None or _LIKE_ERROR.match(text) is not None
+
+
+def may_be_error_cell(text: str) -> bool:
+    """Return whether the whole of a field may be the error of another program, #VÄRDEFEL!, or a remark, #STOP!."""
+    return _ALONE.fullmatch(text) is not None
 
 
 MISSING: Final = (
@@ -221,6 +229,9 @@ _LINES = 100
 """Lines that are looked at for their code page."""
 _WITH_DIGITS = re.compile(rb"[\x81-\xfe][0-9][\x81-\xfe][0-9]")
 """A character of GB18030 of which two bytes are digits, such as a micro sign or a minus."""
+_WESTERN = re.compile(rb"(?<![\x80-\xff])(?:\xb5m|\xb0C)(?![\x80-\xff])")
+"""A micrometre or a degree Celsius of a page of single bytes: in the others a rare word, or none."""
+_SINGLE = ("cp1252", "cp1251", "mac_roman")
 _PUNCTUATION = frozenset({*range(0x80), *range(0xA0, 0x100), *b"\x80\x85\x91\x92\x93\x94\x96\x97"})
 """Bytes that stand alone in a text of cp1252: letters, and the dash that is written for a minus."""
 _ENOUGH = 1 / 3
@@ -396,10 +407,11 @@ def _legacy_page(data: bytes) -> str:
     lines = [m.group() for m in itertools.islice(_BEYOND_ASCII.finditer(data), _LINES)]
     # a word that every row repeats counts once
     sample = b"\n".join(dict.fromkeys(line.translate(None, b"0123456789.,+-") for line in lines))
-    shares = {page: _known_share(sample, page) for page in _PAGES}
-    if any(map(_WITH_DIGITS.search, lines)):
+    pages = _SINGLE if _WESTERN.search(sample) else _PAGES
+    shares = {page: _known_share(sample, page) for page in pages}
+    if "gb18030" in pages and any(map(_WITH_DIGITS.search, lines)):
         shares["gb18030"] = _known_share(b"\n".join(lines), "gb18030")
-    best = max(_PAGES, key=lambda page: shares[page])
+    best = max(pages, key=lambda page: shares[page])
     if shares[best] > _ENOUGH:
         return best
     alone = not re.search(rb"[\x80-\xff]{2}", sample)
