@@ -597,7 +597,9 @@ def _thermal_again(
     except OSError as exc:
         raise ReadError(f"{file}: cannot be read ({exc.strerror or exc})") from None
     except ValueError as exc:
-        raise DataError(f"{file}: not a thermal.json of 'metrosep thermal' ({exc})") from None
+        raise DataError(
+            f"{file} is not the thermal.json that 'metrosep thermal -o' writes ({exc})"
+        ) from None
     fit = ThermalFit.from_dict(document if isinstance(document, dict) else {})
     pairs = name_values(options["stated"], "--at")
     if bool(pairs) == (options["history"] is not None):

@@ -443,7 +443,9 @@ def _points(
         "g_system",
     ):
         if options[name] not in (None, ()):
-            raise click.UsageError(f"--{name.replace('_', '-')} is for programs, not for --points")
+            raise click.UsageError(
+                f"--{name.replace('_', '-')} is for programs, not for --points; leave it out"
+            )
     columns = {
         name.upper(): int(value) if value.isdecimal() else value
         for name, value in name_values(options["columns"], "--column")
