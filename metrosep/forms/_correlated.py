@@ -17,7 +17,7 @@ and West (1987), window after Sokal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Protocol
@@ -29,6 +29,14 @@ from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.limits import COVERAGE
 from metrosep.forms._orthogonal import values
+from metrosep.forms._waves import (
+    NARROW,
+    angle_across,
+    likely_spectra,
+    narrowness,
+    under_waves,
+    with_short_ones,
+)
 from metrosep.forms.points import Points
 
 Linearise = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
@@ -49,8 +57,6 @@ _LOWEST, _MORE, _MOST = 7, 5, 25
 """Degrees of the polynomials next to the model; from the model's, at most."""
 _BEYOND, _EACH = (2, 4, 7, 10, 13), 6
 """Degrees above these of which some polynomials say where a spectrum that is flat begins to fall."""
-_MARGIN = 6
-"""Degrees beyond the last of which the waves still are: the tail of a polynomial's own spectrum."""
 _TIED = 1e-13
 """Of a column: what is left of it beside the columns before it is rounding below this."""
 _SETTLED = 1e-7
@@ -64,10 +70,6 @@ _NOISE = np.concatenate([np.geomspace(1e-13, 1e-8, 11)[:-1], np.geomspace(1e-8, 
 have less than 1e-8 of it in the last degrees: with no quieter noise their scale came out half as large."""
 _NOISE_ODDS = np.repeat([0.1 / 20.0, 1.0 / 20.0], [10, 19])
 """The ten quietest, which few instruments have, share the odds of one of the others."""
-_NARROW = 0.5
-"""Of the sides: the rings hold fewer than half of the degrees across."""
-_ALIKE = 0.04
-"""Waves whose frequencies differ by a smaller share are one ring: no spectrum has sharper bends."""
 _LAY = 1.0 / 8.0
 """Odds of a lay: its angle is taken from the residual, and eight can be distinguished on the lowest ring."""
 _HELD = 2
@@ -137,7 +139,7 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
             return Estimate(inverse @ inverse.T, float(N - p), float(N), 0.0)
         here = whole = good
         b = -(-max(r.shape) // _SIDE_B)
-        if _narrowness(x[good], y[good]) < _NARROW:  # as many blocks as a square has
+        if narrowness(x[good], y[good]) < NARROW:  # as many blocks as a square has
             b = min(b, int(np.ceil(np.sqrt(N) / _SIDE_B)))
         if not is_line and b > 1:
             few = _blocks(x, y, J, r, b, b)
@@ -470,7 +472,7 @@ def _next_to_the_model(
     changes them, so that they are normal with the covariance F' C F (restricted likelihood). F is 0 where
     a block is not `whole`: its mean departs from the height at its middle, by little, but by more than
     smooth deviations have in the last degrees. C is white as far as the residual reaches, a short
-    correlation or a spectrum of `_spectra`, both with white noise below them, alike in all directions,
+    correlation or a spectrum of `likely_spectra`, both with white noise below them, alike in all directions,
     all with equal odds; or a lay (`_LAY`). With the scale of each integrated out, the residual gives every
     C a weight and every parameter a Student distribution. u is such that the mixture of these holds
     COVERAGE within t(n) u. No parameter gets more than a bound by energy (`_bound`).
@@ -495,9 +497,9 @@ def _next_to_the_model(
     found += _coloured(own.grams, t, inverse, own.odds)
     alike = len(found)
     if not is_line:
-        across = _across(x, y, r, own.last)
-        f, G = _waves(x, y, np.column_stack([Q, F]), own.last, angle=across)
-        S, odds = _spectra(f, n_smooth=16)
+        across = angle_across(x, y, r, own.last)
+        f, G = under_waves(x, y, np.column_stack([Q, F]), own.last, angle=across)
+        S, odds = likely_spectra(f, n_smooth=16)
         found += _coloured(_under_spectra(S, G, p), t, inverse, _LAY * odds)
     logs = np.array([v for v, _, _ in found])
     kept, weights = _likely(logs)
@@ -546,15 +548,9 @@ def _kept_surroundings(
         return _Surroundings(order, top, F, (F, F), order)
     last = top if is_line else top + _BEYOND[-1]
     B = np.column_stack([columns, F])
-    f, G = _waves(at_x, at_y, B, last, angle=0.0 if is_line else None)
-    S, odds = _spectra(f) if is_line else _with_short(f)
+    f, G = under_waves(at_x, at_y, B, last, angle=0.0 if is_line else None)
+    S, odds = likely_spectra(f) if is_line else with_short_ones(f)
     return _Surroundings(order, last, F, _under_spectra(S, G, p), odds)
-
-
-def _narrowness(x: FloatArray, y: FloatArray) -> float:
-    """Return the shorter over the longer principal axis of the places: of a rectangle, of its sides."""
-    small, large = np.linalg.eigvalsh(np.cov(x, y))
-    return float(np.sqrt(max(small, 0.0) / large)) if large > 0.0 else 1.0
 
 
 def _white(
@@ -709,177 +705,6 @@ def _beside(Q: FloatArray, x: FloatArray, y: FloatArray, top: int, *, is_line: b
             break
         basis = np.hstack([basis, new])
     return np.asarray(basis[:, Q.shape[1] :])
-
-
-def _waves(
-    x: FloatArray, y: FloatArray, B: FloatArray, top: int, *, angle: float | None
-) -> tuple[FloatArray, FloatArray]:
-    """Return frequencies times the width and the Gram matrices of columns B under waves of each.
-
-    B' C B of an isotropic spectrum S is the integral of S(f) |B^(f)|^2 over the plane. Of a lay, which
-    lies at one angle, it is that over a line.
-    """
-    rings = [(f, share * (w.T @ w)) for f, share, _, w in _rings(x, y, B, top, angle)]
-    return np.array([f for f, _ in rings]), np.stack([G for _, G in rings])
-
-
-def _across(x: FloatArray, y: FloatArray, r: FloatArray, top: int) -> float:
-    """Return the angle of the second moment of the spectrum of a residual, across its lay."""
-    moment = 0.0 + 0.0j
-    for _, share, at, waves in _rings(x, y, r[:, None], top, None):
-        power = np.square(waves).reshape(2, -1).sum(axis=0)
-        moment += share * complex(power @ np.exp(2.0j * at))
-    return 0.5 * float(np.angle(moment))
-
-
-def _rings(
-    x: FloatArray, y: FloatArray, B: FloatArray, top: int, angle: float | None
-) -> Iterator[tuple[float, float, FloatArray, FloatArray]]:
-    """Yield frequency times the width, share of each wave, angles, and sums of columns B under waves.
-
-    Rings with equal angles on each, as many as make an integral exact for lags within the width D. A
-    polynomial of degree d has its energy about f = (d + 1) / (pi side), so that beyond the last ring a
-    spectrum is white to all of them.
-    """
-    x, y = x - 0.5 * (x.min() + x.max()), y - 0.5 * (y.min() + y.max())
-    D = 2.0 * float(np.sqrt(np.max(x * x + y * y)))
-    side, reach = max(float(np.ptp(x)), float(np.ptp(y))), D
-    summed = _sums_under_waves(x, y, B)
-    if _narrowness(x, y) < _NARROW:
-        if angle is None:
-            yield from _waves_of_both_axes(x, y, summed, D, top)
-            return
-        side = reach = max(float(np.ptp(x * np.cos(angle) + y * np.sin(angle))), 1e-3 * D)
-    step = D / reach / 3.0  # the lags of a step of 1/(3 D) come round at 3 D
-    n = int(np.ceil((top + _MARGIN) / np.pi * D / side / step))
-    f = _graded(step, n)
-    width = np.gradient(f) * (f if angle is None else 1.0)
-    for ring, share in zip(f.tolist(), width.tolist(), strict=True):
-        n = int(np.ceil(np.pi * ring + 8.0))
-        at = np.pi / n * (np.arange(n) + 0.5) if angle is None else np.array([angle])
-        k = 2.0 * np.pi * ring / D
-        waves = summed(k * np.cos(at), k * np.sin(at))
-        yield ring, share / at.size, np.asarray(at, dtype=np.float64), waves
-
-
-def _graded(step: float, n: int) -> FloatArray:
-    """Return n equal steps, and below the first one ever smaller ones, down to 1/50."""
-    few = max(round(7.0 * np.log(50.0 * step) / np.log(50.0 / 3.0)), 1)
-    return np.concatenate([np.geomspace(0.02, step, few + 1)[:-1], step * np.arange(1, n + 1)])
-
-
-def _waves_of_both_axes(
-    x: FloatArray,
-    y: FloatArray,
-    summed: Callable[[FloatArray, FloatArray], FloatArray],
-    D: float,
-    top: int,
-) -> Iterator[tuple[float, float, FloatArray, FloatArray]]:
-    """Yield what `_rings` does, of a narrow support: waves that are products of those of its two axes.
-
-    Each axis has as many as its own length asks for, so that the polynomials across are held too. Those
-    that are nearly as long make a ring.
-    """
-    turned = np.linalg.eigh(np.cov(x, y))[1]  # columns: across, along
-    frequencies, widths = [], []
-    for axis in turned.T:
-        step = D / max(float(np.ptp(axis[0] * x + axis[1] * y)), 1e-3 * D) / 3.0
-        f = _graded(step, int(np.ceil((top + _MARGIN) / np.pi * 3.0)))
-        before = np.concatenate([[-f[0]], f[:-1]])  # the first one reaches to 0
-        frequencies.append(f)
-        widths.append(0.5 * (np.append(f[1:], 2.0 * f[-1] - f[-2]) - before))
-    across, along = np.meshgrid(np.concatenate([-frequencies[0], frequencies[0]]), frequencies[1])
-    share = np.outer(widths[1], np.tile(widths[0], 2)).ravel()
-    k = turned @ np.stack([across.ravel(), along.ravel()])
-    f = np.hypot(*k)
-    ring = np.floor(np.log(f / f.min()) / _ALIKE).astype(np.intp)
-    rank = np.argsort(ring, kind="stable")
-    for part in np.split(rank, np.flatnonzero(np.diff(ring[rank])) + 1):
-        waves = summed(*(2.0 * np.pi / D * k[:, part]))
-        waves = waves * np.tile(np.sqrt(share[part]), 2)[:, None]
-        yield (
-            float(share[part] @ f[part] / share[part].sum()),
-            1.0,
-            np.arctan2(k[1, part], k[0, part]),
-            waves,
-        )
-
-
-def _sums_under_waves(
-    x: FloatArray, y: FloatArray, B: FloatArray
-) -> Callable[[FloatArray, FloatArray], FloatArray]:
-    """Return what gives cos(kx x + ky y)' B of each wave, and below it sin(kx x + ky y)' B.
-
-    Of places on a grid exp(i (kx x + ky y)) is a product of two short tables, and no table of all
-    waves at all places is made.
-    """
-    # centres of blocks are means: equal but for the rounding
-    (across, column), (along, row) = (
-        np.unique(v.round(12 - _decade(np.ptp(v))), return_inverse=True) for v in (x, y)
-    )
-    if across.size * along.size > 2 * x.size:  # no grid
-
-        def scattered(kx: FloatArray, ky: FloatArray) -> FloatArray:
-            phase = np.outer(kx, x) + np.outer(ky, y)
-            return np.concatenate([np.cos(phase) @ B, np.sin(phase) @ B])
-
-        return scattered
-
-    grid = np.zeros((along.size, across.size, B.shape[1]))
-    np.add.at(grid, (row, column), B)
-    rows = grid.reshape(along.size, -1)
-
-    def gridded(kx: FloatArray, ky: FloatArray) -> FloatArray:
-        phase = np.outer(ky, along)
-        under = (np.concatenate([np.cos(phase), np.sin(phase)]) @ rows).reshape(
-            2, kx.size, *grid.shape[1:]
-        )
-        phase = np.outer(kx, across)[:, None]
-        cos, sin = np.cos(phase), np.sin(phase)
-        real = cos @ under[0] - sin @ under[1]
-        imaginary = cos @ under[1] + sin @ under[0]
-        return np.concatenate([real[:, 0], imaginary[:, 0]])
-
-    return gridded
-
-
-def _decade(span: float) -> int:
-    return int(np.ceil(np.log10(span))) if span > 0.0 else 0
-
-
-def _spectra(f: FloatArray, n_smooth: int = 45) -> tuple[FloatArray, FloatArray]:
-    """Return the spectra that a surface may have, (number, frequencies), and the odds of each.
-
-    (1 + 2 (pi l f)^2 / B)^(-B/2), f in periods per width, falls as f^-B from a length l on;
-    exp(-(pi l f)^2), its limit, is the Gaussian correlation. All six kinds have the same odds: half for
-    lengths from a sixteenth of the width on, and half for those of a width and more, where the map sees a
-    pure power law. A smooth kind as long as the map would be a form, and has lengths up to the width only.
-    """
-    found, odds = [], []
-    for B in (1.0, 2.0, 3.0, 4.0, 8.0, np.inf):
-        is_limit = bool(np.isinf(B))
-        n = n_smooth if is_limit else 16 if B >= 8.0 else 10
-        lengths = np.geomspace(1 / 16, 4.0 if B < 8.0 else 1.0, n)
-        square = np.square(np.pi * lengths[:, None] * f)
-        found.append(np.exp(-square) if is_limit else (1.0 + 2.0 * square / B) ** (-0.5 * B))
-        long = lengths >= 0.99
-        share = np.where(long, 0.5 / long.sum(), 0.5 / (~long).sum())
-        odds.append((share if B < 8.0 else np.full(n, 1.0 / n)) / 6.0)
-    return np.concatenate(found), np.concatenate(odds)
-
-
-def _with_short(f: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return `_spectra` and those of texture, nearly white along the polynomials, and the odds of each.
-
-    Texture is smooth or exponential (B = 3), of lengths below those of `_spectra`. It has the odds of a kind.
-    """
-    S, odds = _spectra(f)
-    square = np.square(np.pi * np.geomspace(1 / 64, 1 / 16, 9)[:-1, None] * f)
-    short = np.concatenate(
-        [(1.0 + 2.0 * square / B) ** (-0.5 * B) for B in (3.0, 8.0)] + [np.exp(-square)]
-    )
-    n = len(short)
-    return np.concatenate([S, short]), np.concatenate([odds, np.full(n, 1.0 / n)])
 
 
 def _orders(
