@@ -71,8 +71,8 @@ __all__ = ["path"]
 @click.option(
     "--nose",
     metavar="LENGTH",
-    help="Nose radius of the tool, where IN is the path of its tip or centre: the error is taken where it "
-    'touches --form. "0 mm": IN holds points of the surface.',
+    help="Nose radius of the tool, where IN is the path of its tip (lowest point, no imaginary corner) or centre: "
+    'the error is taken where it touches --form. "0 mm": IN holds points of the surface.',
 )
 @click.option(
     "--form",
