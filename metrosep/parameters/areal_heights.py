@@ -18,9 +18,10 @@ from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import InvalidSamplesError
 from metrosep.core.numbers import without_rounding
+from metrosep.core.surface import Surface
 from metrosep.parameters.table import LARGEST, check_range
 
-__all__ = ["HeightStatistics", "height_statistics"]
+__all__ = ["HeightStatistics", "flat_within_rounding", "height_statistics"]
 
 
 _LINE = 64
@@ -184,3 +185,19 @@ def _central_sums(heights: FloatArray, complete: bool, centre: float, rest: floa
             check_range(low, high)
     totals = [math.fsum(column) for column in zip(*parts, strict=True)]
     return _Sums(totals[0], totals[1], totals[2], totals[3], totals[4], low, high)
+
+
+def flat_within_rounding(surface: Surface) -> Surface:
+    """Return a map of zeros where all heights are the same within rounding: its texture would be digits."""
+    low, high = (float(of.reduce(surface.z, axis=None)) for of in (np.fmin, np.fmax))
+    if without_rounding(high - low, max(abs(low), abs(high))) != 0.0:
+        return surface
+    z = np.where(np.isnan(surface.z), np.nan, 0.0)
+    return Surface(
+        z,
+        surface.dx,
+        surface.dy,
+        origin=surface.origin,
+        metadata=surface.metadata,
+        history=surface.history,
+    )
