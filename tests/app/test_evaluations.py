@@ -112,7 +112,10 @@ def test_a_large_map_without_scale_shows_at_once_what_is_known_and_then_the_trut
     made = Evaluations(surface)
     plane, mask = (
         {"op": "form", "form": "plane"},
-        {"op": "mask", "aperture": {"shape": "circle", "diameter": "90 px", "centre": ["70 px", "200 px"]}},
+        {
+            "op": "mask",
+            "aperture": {"shape": "circle", "diameter": "90 px", "centre": ["70 px", "200 px"]},
+        },
     )
 
     first = made.outcome([plane], "drag")

@@ -172,7 +172,7 @@ async function askMetrics(/** @type {import("./ladder.js").Level} */ level) {
     ({ header } = await wire.ask("metrics", { level }, level === "full" ? "metrics full" : "metrics"));
   } catch (error) {
     if (error instanceof Superseded) throw error;
-    if (session.hash === of && error instanceof Refusal) metrics.put({ rows: [], refused: error.message, is_preview: false });
+    if (session.hash === of && error instanceof Refusal) metrics.put({ rows: [], refused: error.message, elsewhere: true, is_preview: false });
     throw error;
   }
   if (session.hash !== of || header.hash !== of) return null; // of another recipe, or another file
