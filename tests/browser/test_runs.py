@@ -400,3 +400,22 @@ def test_what_was_found_is_a_table_with_a_row_and_a_strip_for_each_run(
     page.click("input[name=runs-shown][value=repeats]")
     assert page.run("document.querySelector('#runs-found').hidden")
     assert page.run("!document.querySelector('#run-curves').hidden")
+
+
+def test_what_refuses_runs_is_said_once_and_the_verdict_is_short(
+    opened: Opened, tmp_path: Path
+) -> None:
+    z = np.sin(np.arange(120) / 6.0) + 0.05 * np.random.default_rng(8).standard_normal((2, 120))
+    rows = [f"{x},{50 * z[run, x]:.3f},{run + 1},600" for run in (0, 1) for x in range(120)]
+    (tmp_path / "runs.csv").write_text("x_mm,z_nm,run,feed_mm_min\n" + "\n".join(rows) + "\n")
+    (tmp_path / "r.toml").write_text(
+        'metrosep = 1\n[input]\nfiles = ["runs.csv"]\nx = "x_mm"\nz = "z_nm"\nrun = "run"\nfeed = "feed_mm_min"\n'
+        '[[step]]\nop = "separate"\nmethod = "joint"\n[[check]]\nmetric = "pv"\nupper = "1 um"\n'
+    )
+    refused = "/failed/.test(document.querySelector('#status-full').textContent)"
+    page = opened(tmp_path / "r.toml", refused)
+    whole = "look alike at one feedrate"
+    page.wait(f"document.querySelector('#panel-runs').textContent.includes('{whole}')")
+    short = "No verdict: the forward runs have 1 feedrate (600 mm/min), the separation needs 2"
+    assert page.text("#verdict") == short
+    assert page.text("#alerts") == ""

@@ -173,7 +173,7 @@ async function askMetrics(/** @type {import("./ladder.js").Level} */ level) {
   } catch (error) {
     if (!(error instanceof Refusal)) throw error;
     // What the numbers refuse, their own panel says, and the tabs say what is theirs: no alert above both.
-    if (session.hash === of) metrics.put({ rows: [], refused: error.message, mends: error.mends, is_preview: false });
+    if (session.hash === of) metrics.put({ rows: [], refused: error.message, mends: error.mends, elsewhere: session.kind === "runs", is_preview: false });
     if (session.hash === of && level === "full") drawFull("", "full resolution failed");
     return null;
   }

@@ -276,7 +276,7 @@ export function makeMetrics(el, verdictEl, edit) {
     const state = !found || found.is_preview ? null : VERDICTS[found.verdict];
     if (found?.failed) word.textContent = `No verdict: step ${found.failed.index + 1} failed`;
     else if (found?.refused) {
-      word.textContent = `No verdict: ${brief(found.refused)}`;
+      word.textContent = `No verdict: ${found.elsewhere ? brief(found.refused) : found.refused}`;
       word.title = found.refused;
       if (found.mends?.length) word.append(mendButtons(found.mends, edit));
       word.style.fontSize = "12px";
@@ -307,7 +307,7 @@ export function makeMetrics(el, verdictEl, edit) {
     /** What is shown belongs to another recipe now. */
     stale() {
       if (!found) return;
-      found = { ...found, is_preview: true, verdict: null, checks: undefined, failed: undefined, refused: undefined, mends: undefined,
+      found = { ...found, is_preview: true, verdict: null, checks: undefined, failed: undefined, refused: undefined, mends: undefined, elsewhere: undefined,
         rows: (found.rows ?? []).map((/** @type {Dict} */ row) => ({ ...row, waits: true, value: null })) };
       draw();
       drawVerdict();
