@@ -453,7 +453,9 @@ def no_unit(file: RawFile, columns: Mapping[str, str], dimension: str) -> UnitEr
     each = " and ".join(f"{role}=({name!r}, {usual!r})" for role, name in columns.items())
     if len(columns) == 1:
         ((role, name),) = columns.items()
-        scales = ", with min, h, ms, us or ns for s if it counts these" if dimension == "time" else ""
+        scales = (
+            ", with min, h, ms, us or ns for s if it counts these" if dimension == "time" else ""
+        )
         return UnitError(
             f"{file.path}: column {name!r} ({role}) declares no unit; rename it like '{name}_{usual}', or give "
             f"{each} or unit={scales}"
