@@ -43,10 +43,13 @@ class Outcome:
     # of (float, float), m: what is to be added to positions of a preview: the middle of its first
     # cell, where the map has no origin of its own
     shift: tuple[float, float] = (0.0, 0.0)
+    is_partial: bool = False  # whether steps are still to come, which is no failure
 
     def after(self, stage: int) -> Surface | Profile:
         """Return the measurement after a step; where it was not reached, before the one that failed."""
         if self.failed is not None and stage >= self.failed:
+            stage = -1
+        if self.is_partial and stage >= len(self.stages):
             stage = -1
         if stage == -2 or (stage == -1 and not self.stages):
             return self.source
@@ -119,12 +122,26 @@ class Evaluations:
         tell: Callable[[str], None] | None = None,
     ) -> Outcome:
         """Return what the steps make of the data of a size."""
+        at_hand = level == "drag"
         if counts_pixels(steps):  # of the map as it was read
             level = "full"
         source, is_preview = self.source(level)
+        # a large map without a preview: a moving hand sees what is known already
+        at_hand = (
+            at_hand and not is_preview and isinstance(source, Surface) and source.z.size > _SMALL
+        )
         shift = self._shift(source)  # of the map itself: none
         name = level if is_preview else "full"
         keys = [text_key(step) for step in steps]
+        if at_hand:
+            kept = self._kept.get(name, _Kept())
+            known = list(zip(list(kept.keys), list(kept.stages), strict=False))
+            same = 0
+            while same < min(len(keys), len(known)) and keys[same] == known[same][0]:
+                same += 1
+            if same < len(keys):
+                stages = tuple(stage for _, stage in known[:same])
+                return Outcome(source, stages, is_preview=True, shift=shift, is_partial=True)
         with self._busy[name]:
             kept = self._kept.setdefault(name, _Kept())
             same = 0

@@ -108,12 +108,11 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
     # limits of the very recipe whose steps were carried out: an edit may come meanwhile
     outcome, recipe, mark = session.evaluated(level_of(message), cancel=cancel)
     measured = Measurement(outcome.source, outcome.stages)
-    refused = ""
+    lost: list[MetrosepError] = []
     if outcome.error is None and not outcome.is_preview:
-        try:
-            measured = with_sections(recipe, measured)
-        except MetrosepError as exc:
-            refused = session.words(str(exc), ())  # the numbers of the steps are still shown
+        measured = with_sections(recipe, measured, lost=lost)
+    # the numbers of the steps and of the other sections are still shown
+    refused = "\n".join(session.words(str(exc), ()) for exc in lost)
     found = measured.found
     header: dict[str, Any] = {
         "hash": mark,

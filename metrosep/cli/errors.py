@@ -94,9 +94,9 @@ def as_options(
 
     def option(found: re.Match[str]) -> str:
         before = found.string[: found.start()]
-        if re.search(
-            r"\w\([^()]*$|--machine \"?$", before
-        ):  # a call of Python, or written already
+        # a call of Python (a column may be called "Travel (in)"), or written already
+        call = re.sub(r"=\s*'[^']*'", "=", before)
+        if re.search(r"\w\([^()]*$", call) or re.search(r"--machine \"?$", before):
             return found.group()
         if re.search(r"(?:^|[^\w=])(?<!= )['\"]$", before):  # the name of a column
             return found.group()

@@ -368,6 +368,11 @@ def read(
     left = np.asarray(given.values) * 1e6 - rows
     unit = "urad" if given.instrument.is_angle else "um"
     has_readings = bool(np.any(np.nan_to_num(np.asarray(given.values))))
+    if has_readings and given.unknown:
+        say(
+            f"note: what is left still holds what {file} calls unknown ({', '.join(given.unknown)}); 'metrosep calibrate' "
+            "finds that with the terms, and its report shows the residuals without it"
+        )
     if as_json:
         document = {f"reading_{unit}": rows.tolist()}
         if has_readings:
@@ -592,7 +597,9 @@ def _thermal_again(
     except OSError as exc:
         raise ReadError(f"{file}: cannot be read ({exc.strerror or exc})") from None
     except ValueError as exc:
-        raise DataError(f"{file}: not a thermal.json of 'metrosep thermal' ({exc})") from None
+        raise DataError(
+            f"{file} is not the thermal.json that 'metrosep thermal -o' writes ({exc})"
+        ) from None
     fit = ThermalFit.from_dict(document if isinstance(document, dict) else {})
     pairs = name_values(options["stated"], "--at")
     if bool(pairs) == (options["history"] is not None):

@@ -71,8 +71,8 @@ __all__ = ["path"]
 @click.option(
     "--nose",
     metavar="LENGTH",
-    help="Nose radius of the tool, where IN is the path of its tip or centre: the error is taken where it "
-    'touches --form. "0 mm": IN holds points of the surface.',
+    help="Nose radius of the tool, where IN is the path of its tip (lowest point, no imaginary corner) or centre: "
+    'the error is taken where it touches --form. "0 mm": IN holds points of the surface.',
 )
 @click.option(
     "--form",
@@ -328,6 +328,7 @@ def _words(message: str) -> str:
         ("or say again if", "or say --again if"),
         ("g_system='mill' (or 'B')", "--g-system mill (or B)"),
         ("units= says", "--column-unit says"),
+        ("with units= (", "with --column-unit COLUMN=UNIT ("),
         ("columns=", "--column"),
         ("give a tolerance to split", "give a --tolerance to split"),
     ):
@@ -442,7 +443,9 @@ def _points(
         "g_system",
     ):
         if options[name] not in (None, ()):
-            raise click.UsageError(f"--{name.replace('_', '-')} is for programs, not for --points")
+            raise click.UsageError(
+                f"--{name.replace('_', '-')} is for programs, not for --points; leave it out"
+            )
     columns = {
         name.upper(): int(value) if value.isdecimal() else value
         for name, value in name_values(options["columns"], "--column")
@@ -472,7 +475,9 @@ def _print(result: PathResult | PointResult) -> None:
     kind = "blocks" if "n_blocks" in audit else "points"
     say(f"{result.n_changed} of {total} {kind} changed, correction {format_ends(low, high)}")
     if audit.get("n_inserted") or audit.get("n_added"):
-        say(f"{audit['n_inserted']} words inserted, {audit['n_added']} blocks added")
+        counts = ((audit["n_inserted"], "word"), (audit["n_added"], "block"))
+        words, blocks = (f"{n} {what}{'' if n == 1 else 's'}" for n, what in counts)
+        say(f"{words} inserted, {blocks} added")
     say(
         f"last digit {format_length(result.quantisation)}, read back to "
         f"{format_length(result.read_back_error, digits=2)}"

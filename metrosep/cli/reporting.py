@@ -296,8 +296,8 @@ def _writers(
         raise click.UsageError(
             "--dcc-schema checks --format dcc or qif; add one of them, or leave it out"
         )
-    for name in ("dcc", "qif") if schemas is not None else ():
-        if name in writers:
+    for name in ("dcc", "qif"):
+        if schemas is not None and name in writers:
             schema_in(Path(schemas), name)  # before any report is made
             writers[name] = partial(cast(Callable[..., Any], writers[name]), schemas=schemas)
     return writers

@@ -602,7 +602,8 @@ def _same_everywhere(
     for element in chain.elements:
         if element.name not in axes or element.kind != "rotary":
             continue
-        listed, held = [], []
+        listed: list[str] = []
+        held: list[str] = []
         for term in element.location_errors:
             value = float(getattr(given.get(term), "value", 0.0))
             if not abs(value) > ZERO:

@@ -21,6 +21,7 @@ from metrosep.compensation.area_errors import (
     area_error,
     bilinear,
     column,
+    ends_along,
     format_position,
     is_rotary,
     rising,
@@ -43,12 +44,14 @@ __all__ = [
     "ErrorSource",
     "SampledArea",
     "SampledError",
+    "beyond_entries",
     "grid_positions",
     "inverse_along",
     "rounded_spacing",
     "sample_area",
     "sample_error",
     "significant_lost_motion",
+    "spaced_with_zero",
 ]
 
 ErrorFunction = Callable[[FloatArray], FloatArray]
@@ -57,6 +60,11 @@ Direction = Literal["auto", "both", "split", "forward", "reverse"]
 
 _DENSE = 20
 """Positions between two entries at which the interpolation error is looked for."""
+
+_COARSE = 0.1
+"""Share of an error that may be missed without a word."""
+_TURN = 2.0 * math.pi
+_CLOSED = math.radians(1e-6)
 
 _MAX_ENTRIES = 100_000
 """More entries than any controller takes: the spacing was typed in the wrong unit."""
@@ -251,8 +259,6 @@ def _positions(
             return error.positions
         raise TableError("state the positions of the entries, or their spacing such as '1 mm'")
     if isinstance(positions, str):
-        if isinstance(error, PitchErrors) and error.is_closed:
-            zero = None  # one turn stays one turn
         return _multiples(positions, _require_range(error), axis, zero)
     if isinstance(positions, SupportsIndex) and np.ndim(positions) == 0:
         return np.linspace(*_require_range(error), max(operator.index(positions), 0))
@@ -269,7 +275,12 @@ def _require_range(error: ErrorSource) -> tuple[float, float]:
 def _multiples(
     text: str, span: tuple[float, float], axis: str, zero: float | None = None
 ) -> FloatArray:
-    """Return the multiples of a spacing in a range, counted from a place of zero correction within it."""
+    """Return the multiples of a spacing in a range, counted from a place of zero correction within it.
+
+    One turn stays one turn: its ends are one place, which a control rolls over.
+    """
+    if is_rotary(axis) and abs(span[1] - span[0] - _TURN) <= _CLOSED:
+        zero = None
     zero = 0.0 if zero is None or not span[0] <= zero <= span[1] else zero
     low, high = span[0] - zero, span[1] - zero
     kind = "angle" if is_rotary(axis) else "length"
@@ -290,6 +301,38 @@ def _multiples(
             f"no two multiples of {text!r} lie in {covered}; use a finer spacing"
         ).hinting(spacing=rounded_spacing((high - low) / USUAL_ENTRIES, axis))
     return np.clip(zero + np.arange(first, last + 1) * spacing, *span)
+
+
+def spaced_with_zero(error: ErrorSource, text: str, axis: str, zero: float) -> FloatArray:
+    """Return the multiples of a spacing in the range of an error, and a place of zero correction among them."""
+    span = _require_range(error)
+    found = _multiples(text, span, axis)
+    near = _SAME * (span[1] - span[0])
+    if not span[0] <= zero <= span[1]:
+        return found
+    return np.sort(np.append(found[np.abs(found - zero) > near], zero))
+
+
+def beyond_entries(error: ErrorSource, sampled: SampledError, axis: str) -> str:
+    """Return how much of a known error the entries do not reach, where it is a tenth of it or more."""
+    span, p = _range(error), sampled.positions
+    if span is None or not p.size:
+        return ""
+    left = [np.linspace(span[0], p[0], 65), np.linspace(p[-1], span[1], 65)]
+    columns = [f for f in (sampled.forward, sampled.reverse) if f is not None]
+    missed = max(
+        float(np.abs(f(x) - f(x[[at]])).max())
+        for f in columns
+        for x, at in zip(left, (-1, 0), strict=True)
+    )
+    whole = max(float(np.ptp(f(np.linspace(*span, 257)))) for f in columns)
+    if missed < _COARSE * whole:
+        return ""
+    known, reached = (ends_along(axis, *ends) for ends in (span, p[[0, -1]].tolist()))
+    return (
+        f"the entries reach over {reached}, the error is known over {known}: beyond the entries up to "
+        f"{missed / whole:.0%} of it stays; use a finer spacing"
+    )
 
 
 def rounded_spacing(size: float, axis: str = "X", *, up: bool = False) -> str:

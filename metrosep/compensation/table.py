@@ -38,6 +38,7 @@ from metrosep.compensation.sampling import (
     Direction,
     ErrorSource,
     SampledError,
+    beyond_entries,
     sample_error,
     significant_lost_motion,
 )
@@ -321,6 +322,9 @@ class CompensationTable(Corrections, PublicObject):
             notes=(
                 *_notes(error, heat, axis, on_axis=target == axis, split=split),
                 *_finer(error, p, axis),
+                *filter(
+                    None, [isinstance(positions, str) and beyond_entries(error, sampled, axis)]
+                ),
             ),
             source_sha256=source_sha256 or source_hashes(getattr(error, "history", ())),
             history=(

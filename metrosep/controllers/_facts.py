@@ -15,6 +15,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers.base import identity, load_sidecar, sidecar_options
@@ -158,8 +160,27 @@ def letter_in_file(
 def read_table(
     positions: FloatArray, forward: FloatArray, reverse: FloatArray | None = None, **fields: Any
 ) -> CompensationTable:
-    """Return the table that a file holds: its corrections are looked up at the command."""
+    """Return the table that a file holds: its corrections are looked up at the command.
+
+    Where nothing states the reference of the axis, it is the place without correction that is nearest to 0.
+    """
+    if "reference" not in fields:
+        fields["reference"] = _without_correction(positions, forward)
     return CompensationTable(positions, forward, reverse, is_exact_inverse=True, **fields)
+
+
+def _without_correction(positions: FloatArray, forward: FloatArray) -> float:
+    """Return the place nearest to 0 where a column is zero; without one 0, or the first if 0 is beyond it."""
+    signs = np.sign(forward)
+    at = np.flatnonzero(signs[:-1] * signs[1:] < 0)
+    share = forward[at] / (forward[at] - forward[at + 1])
+    places = [
+        *positions[signs == 0],
+        *(positions[at] + share * (positions[at + 1] - positions[at])),
+    ]
+    if places:
+        return float(min(places, key=abs))
+    return 0.0 if positions[0] <= 0.0 <= positions[-1] else float(positions[0])
 
 
 # ---- comments -----------------------------------------------------------------------------------

@@ -398,7 +398,8 @@ def uniform_positions(
             f"{max_points}; give interval= at least "
             f"{format_span(table.axis, least)}"
         ).hinting(interval=rounded_spacing(least, table.axis, up=True))
-    return np.asarray(anchor + interval * np.arange(-below, above + 1, dtype=np.float64))
+    positions = anchor + interval * np.arange(-below, above + 1, dtype=np.float64)
+    return np.where(np.abs(positions) < _UNIFORM * interval, 0.0, positions)  # 0 and not 3e-17
 
 
 def require_interval(interval: float, span: float, title: str, axis: str) -> None:

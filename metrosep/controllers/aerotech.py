@@ -249,7 +249,7 @@ class AerotechLine(Dialect):
             )
         _require_offset_rule(grid, known, path, ("column",))
         x, _ = _positions(grid, known, path)
-        fields = identity(path, first=float(x[0]))
+        fields = identity(path)
         if not load_sidecar(path):
             names = _stated_names(known, path, 2)
             if names is None and grid.output != grid.column_axis:

@@ -162,6 +162,10 @@ class Dialect(ABC):
         """
         return table_lookup(self.decode(data, path, **options))
 
+    def facts(self, data: bytes, path: Path, **options: Any) -> dict[str, Any]:
+        """Return what a file states of its machine; here nothing."""
+        return {}
+
     def limits(self, **machine: Any) -> Limits:
         """Return the limits of controller and machine, of fields of `Limits`."""
         try:
@@ -294,14 +298,17 @@ def stored_table(path: Path, column: str | None = None) -> dict[str, Any]:
     return cast("dict[str, Any]", numbers_of(table))
 
 
-def identity(path: Path, *, first: float, column: str | None = None) -> dict[str, Any]:
-    """Return what a table's file cannot hold: axes, reference (m, else `first`), what is not in it."""
+def identity(
+    path: Path, *, first: float | None = None, column: str | None = None
+) -> dict[str, Any]:
+    """Return what a table's file cannot hold: axes, reference (m, else `first`, if any), what is not in it."""
     table = stored_table(path, column)
     axis = table.get("axis", "X")
     reference = table.get("reference_m", first)
     if not isinstance(axis, str):
         raise _not_ours(path, "axis", "a name", axis)
-    if (
+    stated = "reference_m" in table or first is not None
+    if stated and (
         isinstance(reference, bool)
         or not isinstance(reference, int | float)
         or not abs(reference) < _FARTHEST
@@ -310,7 +317,7 @@ def identity(path: Path, *, first: float, column: str | None = None) -> dict[str
     return {
         "axis": axis,
         "compensates": str(table.get("compensates", axis)),
-        "reference": float(reference),
+        **({"reference": float(reference)} if stated else {}),
         "removed": "line" if table.get("not_in_table") == "line" else "offset",
     }
 

@@ -144,7 +144,7 @@ class Etalon(Dialect):
         )
         place, unit = _units(chosen.parameter)
         positions = chosen.rows[:, 0] * place
-        fields = identity(path, first=float(positions[0]))
+        fields = identity(path)
         if not load_sidecar(path):
             fields |= {"axis": chosen.parameter[2], "compensates": chosen.parameter[1]}
         forward = 0.0 - o["entry_sign"] * chosen.rows[:, 1] * unit

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from metrosep.controllers.active import Active, active_file, columns_beside, in_
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
+    Encoded,
     Prepared,
     Simulator,
     columns_in,
@@ -246,12 +248,13 @@ def prepare(
         acts = dialect.lookup(encoded.data, nowhere, **known)
         lookup = acts if was is None else was.increment(acts)
         of = lookup_of_folds(dialect, options, was, None if others is None else table.positions)
-        verification = _verification(
-            increment, lookup, verified_against, target, waived,
-            of=of, folds=folds, unknown=unknown, heat=heat,
-            travel=(limits.travel_low, limits.travel_high),
-            free_zero="at_reference_m" in encoded.notes,
-        )  # fmt: skip
+        with _of_a_part(encoded):
+            verification = _verification(
+                increment, lookup, verified_against, target, waived,
+                of=of, folds=folds, unknown=unknown, heat=heat,
+                travel=(limits.travel_low, limits.travel_high),
+                free_zero="at_reference_m" in encoded.notes,
+            )  # fmt: skip
         waived = tuple(w for w in waived if w != "dry-run")
         findings = (
             *findings,
@@ -404,6 +407,19 @@ def _described(verification: Any, *, own: bool) -> dict[str, Any] | str:
         return "waived by the user"
     against = "the error the table was made of; no measured runs were given" if own else "measured"
     return {**verification.to_dict(), "against": against}
+
+
+@contextlib.contextmanager
+def _of_a_part(encoded: Encoded) -> Iterator[None]:
+    """Let a refused dry-run of one of two files that act together name the other one."""
+    try:
+        yield
+    except MetrosepError as exc:
+        lacking = [
+            f"{f.problem}: {f.fix}" for f in encoded.findings if f.check == "comp" and f.fix
+        ]
+        exc.args = ("; ".join([str(exc), *lacking]), *exc.args[1:])
+        raise
 
 
 def _require_kind(carried: Any, info: DialectInfo) -> None:

@@ -270,7 +270,7 @@ class Heidenhain(Repeating, Resampling):
         reverse = None
         if all(filled) and target == axis:
             reverse = k * np.array([value(r[1]) for r in file.rows]) + 0.0
-        fields = {**identity(path, first=float(p[0]), column=target), "compensates": target}
+        fields = {**identity(path, column=target), "compensates": target}
         made = read_table(p, forward, reverse, **{**fields, "axis": axis})
         _require_sign(made, path)
         repeats = is_one_turn(made)

@@ -341,7 +341,7 @@ class IsgAxis(Repeating, CompensationList):
             p * unit,
             forward,
             None if np.array_equal(forward, reverse) else reverse,
-            **named_axes(identity(path, first=float(p[0] * unit)), (found["name"],) * 2, path),
+            **named_axes(identity(path), (found["name"],) * 2, path),
         )
         return table, modulo
 
@@ -447,7 +447,7 @@ class IsgCross(CompensationList):
         p, c = (cells.column(field, n) for field in ("setpoint", "correction"))
         cells.end()
         _require_rising(p, path)
-        fields = _fields(path, float(p[0]), found["name"], options)
+        fields = _fields(path, found["name"], options)
         return read_table(p * unit_of(fields["axis"]), found["scale"] * c + 0.0, **fields)
 
 
@@ -635,12 +635,9 @@ def _without_comments(text: str, path: Path) -> tuple[str, list[str]]:
     return "".join([*kept, text[at:]]), comments
 
 
-def _fields(path: Path, first: float, slave: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the list cannot hold: the name of the master is that of sidecar or user.
-
-    `first` is the first setpoint in units of the list.
-    """
-    fields = identity(path, first=0.0)
+def _fields(path: Path, slave: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the list cannot hold: the name of the master is that of sidecar or user."""
+    fields = identity(path)
     master = options.get("master_name")
     beside = load_sidecar(path)
     if beside:
@@ -653,8 +650,6 @@ def _fields(path: Path, first: float, slave: str, options: Mapping[str, Any]) ->
             f"{path}: the list corrects {slave} over another axis, and nothing states its name; give "
             "master_name="
         )
-    if not beside:
-        fields["reference"] = first * unit_of(master)
     return {**fields, "axis": master, "compensates": slave}
 
 

@@ -234,7 +234,7 @@ class LinuxCNC(Dialect):
             table[:, 0] * unit,
             forward,
             None if np.array_equal(forward, reverse) else reverse,
-            **_axes(path, joint_type, first=float(table[0, 0] * unit)),
+            **_axes(path, joint_type),
         )
 
 
@@ -267,9 +267,9 @@ def _check_type(table: CompensationTable, joint_type: str) -> None:
         ).hinting(joint_type=wanted)
 
 
-def _axes(path: Path, joint_type: str, *, first: float) -> dict[str, Any]:
+def _axes(path: Path, joint_type: str) -> dict[str, Any]:
     """Return what the sidecar says; without one an angular joint is that of C."""
-    known = identity(path, first=first)
+    known = identity(path)
     if not sidecar_path(path).is_file():
         return (
             {**known, **dict.fromkeys(("axis", "compensates"), "C")}
@@ -674,7 +674,7 @@ class LinuxCNCLincurve(Dialect):
         return read_table(
             np.array(positions),
             np.array([float(y) * unit_c for _, y in knots]),
-            **{**identity(path, first=positions[0]), **axes},
+            **{**identity(path), **axes},
         )
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:

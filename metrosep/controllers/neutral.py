@@ -145,13 +145,13 @@ class Neutral(Dialect):
             values[:, 0],
             values[:, 1],
             values[:, 2] if len(header) == 3 else None,
-            **_fields(path, float(values[0, 0]), turns),
+            **_fields(path, turns),
         )
 
 
-def _fields(path: Path, first: float, turns: tuple[bool, bool]) -> dict[str, Any]:
+def _fields(path: Path, turns: tuple[bool, bool]) -> dict[str, Any]:
     """Return axes and reference; files of old have mm and um for axes that turn, too."""
-    fields = identity(path, first=first)
+    fields = identity(path)
     table = load_sidecar(path).get("table")
     if not isinstance(table, dict) or "axis" not in table:
         return {**fields, **dict(zip(("axis", "compensates"), _AXES[turns], strict=True))}

@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.compensation.area_errors import ends_along, format_along, format_amount
+from metrosep.compensation.area_errors import ends_along, format_along, format_amount, is_rotary
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.compensation.sampling import rounded_spacing
 from metrosep.controllers.base import DialectInfo, Encoded
 from metrosep.core.errors import DataError, LimitError, TableError
 from metrosep.core.readable import did_you_mean
+from metrosep.core.units import format_length
 
 __all__ = [
     "CHECKS",
@@ -41,6 +42,7 @@ CHECKS = {
     "points": "no more entries than the controller takes",
     "stroke": "the corrections stay within the actuator",
     "turning-back": "the corrected command of an axis still rises",
+    "steepness": "corrections above 100 um are no steeper than errors of an axis: mostly a wrong unit",
     "velocity": "the corrected axis can follow at the feed",
     "acceleration": "the corrected axis can follow at the feed",
     "reversal": "the step at a reversal is allowed",
@@ -55,6 +57,9 @@ CHECKS = {
 
 _COARSEST = 0.1
 """Step of an entry, or error of resampling, over the span of the corrections: refused above."""
+
+_LARGE = 100e-6
+"""Corrections beyond it, which tool paths refuse too, are mostly of a wrong unit if they are steep as well."""
 
 _SAME = 1e-12
 """Corrections below a picometre count as zero at the reference."""
@@ -115,6 +120,7 @@ def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, 
 def table_findings(carried: Any, limits: Limits, info: DialectInfo) -> list[Finding]:
     """Return what is wrong or uncertain about corrections for a machine."""
     found = list(carried.limits(limits)) if hasattr(carried, "limits") else []
+    found = [_of_a_wrong_unit(f, carried, limits) for f in found]
     if info.carries == "map":
         names = ("travel_low", "travel_high", "soft_low", "soft_high")
         given = [n for n in names if getattr(limits, n) is not None]
@@ -133,6 +139,17 @@ def table_findings(carried: Any, limits: Limits, info: DialectInfo) -> list[Find
         *_reference(carried),
         *_uncertainty(carried),
     ]
+
+
+def _of_a_wrong_unit(finding: Finding, carried: Any, limits: Limits) -> Finding:
+    """Return steepness as an error where corrections are large too, and no stroke says that they may be."""
+    if finding.check != "steepness" or limits.stroke is not None or is_rotary(carried.compensates):
+        return finding
+    if carried.stroke <= _LARGE:
+        return finding
+    text = f"{finding.problem} and is as large as {format_length(carried.stroke)}"
+    fix = "check the units of the readings; if they are right, state the stroke of the axis (stroke=)"
+    return Finding.error(text, fix, finding.check)
 
 
 def _with_spacing(finding: Finding, table: Any, limits: Limits) -> Finding:

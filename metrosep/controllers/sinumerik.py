@@ -228,7 +228,7 @@ class SinumerikCec(Repeating):
         elif reverse is None and 0 not in columns:
             reverse = np.zeros(first.grid.entries.size)
         positions = first.grid.positions * units(turns=turns_in)
-        fields = identity(path, first=float(positions[0]))
+        fields = identity(path)
         if not load_sidecar(path).get("table"):
             machine = (first.input_axis, first.output_axis)
             names = axis_names(noted, machine, (turns_in, turns_out), ("X", "Z"))
@@ -531,7 +531,7 @@ class SinumerikEnc(Repeating):
         turns = turning(name, o.get("turns"), "turns", path)
         unit = units(turns=turns)
         positions = grid.positions * unit
-        fields = identity(path, first=float(positions[0]))
+        fields = identity(path)
         if not load_sidecar(path).get("table"):
             letter = noted.get("axis", axis_letter(name, turns=turns, otherwise="X"))
             fields["axis"] = fields["compensates"] = letter

@@ -234,7 +234,7 @@ class TwinCAT(Repeating, Resampling):
         text.end()
         if one.modulo:
             _require_turn(ways.values(), letter, path)
-        fields = own_axis(identity(path, first=float(one.p[0])), path)
+        fields = own_axis(identity(path), path)
         table = read_table(
             one.p,
             ways[1].c if one.way else one.c,

@@ -9,16 +9,15 @@ estimates of C are made from the residual. Part A is its autocovariance, correct
 frequencies that the fit took out. Part B asks the polynomials next to the model which spectra are
 likely, and what each does to the parameters, since real surfaces have more power there than a short
 correlation can hold. On maps B counts, and the larger of two noisy numbers would only be wider: A gives
-the area that hangs together. On a line, which has few polynomials, on a map so narrow that the waves of B
-are all longer than the model across it, where the model holds what is not a polynomial, and where
-the deviations have a lay, the larger expanded uncertainty counts. An error that has the shape of a
+the area that hangs together. On a line, which has few polynomials, where the model holds what is not a
+polynomial, and where the deviations have a lay, the larger expanded uncertainty counts. An error that has the shape of a
 parameter (a wrong reference sphere) is in neither. Sources: metrology-2, chapter 1; sandwich covariance after Newey
 and West (1987), window after Sokal.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Protocol
@@ -30,6 +29,14 @@ from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.limits import COVERAGE
 from metrosep.forms._orthogonal import values
+from metrosep.forms._waves import (
+    NARROW,
+    angle_across,
+    likely_spectra,
+    narrowness,
+    under_waves,
+    with_short_ones,
+)
 from metrosep.forms.points import Points
 
 Linearise = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
@@ -50,8 +57,6 @@ _LOWEST, _MORE, _MOST = 7, 5, 25
 """Degrees of the polynomials next to the model; from the model's, at most."""
 _BEYOND, _EACH = (2, 4, 7, 10, 13), 6
 """Degrees above these of which some polynomials say where a spectrum that is flat begins to fall."""
-_MARGIN = 6
-"""Degrees beyond the last of which the waves still are: the tail of a polynomial's own spectrum."""
 _TIED = 1e-13
 """Of a column: what is left of it beside the columns before it is rounding below this."""
 _SETTLED = 1e-7
@@ -60,8 +65,11 @@ _ROUNDING = 16.0 * float(np.finfo(float).eps)
 """Of the largest height: a smaller residual is rounding."""
 _NOTHING = 0.02
 """Of a polynomial: if less is left of it beside the model, it is the rounding of a block's edge."""
-_NOISE = np.geomspace(1e-8, 10.0, 19)
-"""White noise below a spectrum, over the mean power that this has along the polynomials."""
+_NOISE = np.concatenate([np.geomspace(1e-13, 1e-8, 11)[:-1], np.geomspace(1e-8, 10.0, 19)])
+"""White noise below a spectrum, over the mean power that this has along the polynomials. Smooth deviations
+have less than 1e-8 of it in the last degrees: with no quieter noise their scale came out half as large."""
+_NOISE_ODDS = np.repeat([0.1 / 20.0, 1.0 / 20.0], [10, 19])
+"""The ten quietest, which few instruments have, share the odds of one of the others."""
 _LAY = 1.0 / 8.0
 """Odds of a lay: its angle is taken from the residual, and eight can be distinguished on the lowest ring."""
 _HELD = 2
@@ -129,14 +137,19 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
         if level <= floor:  # rounding of the heights, which hangs together with nothing
             inverse = np.linalg.inv(R) * floor
             return Estimate(inverse @ inverse.T, float(N - p), float(N), 0.0)
-        here = good
-        if not is_line and max(r.shape) > _SIDE_B:
-            b = -(-max(r.shape) // _SIDE_B)
+        here = whole = good
+        b = -(-max(r.shape) // _SIDE_B)
+        if narrowness(x[good], y[good]) < NARROW:  # as many blocks as a square has
+            b = min(b, int(np.ceil(np.sqrt(N) / _SIDE_B)))
+        if not is_line and b > 1:
             few = _blocks(x, y, J, r, b, b)
             within = ~np.isnan(few[3])
             if _is_of_full_rank(few[2][:, within]):  # a narrow groove may be lost in the blocks
+                whole = _total(good, b, b) == _total(np.ones(r.shape), b, b)
                 (x, y, J, r), here = few, within
-        found = _next_to_the_model(x[here], y[here], J[:, here], r[here], is_line=is_line)
+        found = _next_to_the_model(
+            x[here], y[here], J[:, here], r[here], whole[here], is_line=is_line
+        )
         dof_b = max(1.0, float(found.n))
         if found.is_known and not is_line:
             _, area, dof_a = _lags(rest, good, found.Q, here, is_line=False)
@@ -209,7 +222,7 @@ def _scattered(points: Points, linearise: Linearise, residual: FloatArray, p: in
         x, y, J, r = _cells(x, y, J, r)
         if p >= r.size:
             return _unknown(p, N)
-    found = _next_to_the_model(x, y, J, r, is_line=float(np.ptp(y)) == 0.0)
+    found = _next_to_the_model(x, y, J, r, np.ones(r.size, bool), is_line=float(np.ptp(y)) == 0.0)
     return Estimate(found.cov, max(1.0, float(found.n)), float(N), np.nan, found.is_bounded)
 
 
@@ -446,22 +459,23 @@ class _Beside:
     cov: FloatArray
     n: int
     Q: FloatArray
-    is_known: bool  # by enough: the waves hold the polynomials of the model, no lay is likely
+    is_known: bool  # by enough: the model is of polynomials on a map, and no lay is likely
     is_bounded: bool = False  # a bound by energy is at work
 
 
 def _next_to_the_model(
-    x: FloatArray, y: FloatArray, J: FloatArray, r: FloatArray, *, is_line: bool
+    x: FloatArray, y: FloatArray, J: FloatArray, r: FloatArray, whole: BoolArray, *, is_line: bool
 ) -> _Beside:
     """Return the covariance that the polynomials beside the model ask for.
 
     t = F' r is the residual along orthonormal polynomials F of which nothing lies in the model. No fit
-    changes them, so that they are normal with the covariance F' C F (restricted likelihood). C is white
-    as far as the residual reaches, a short correlation or a spectrum of `_spectra`, both with white noise
-    below them, alike in all directions, all with equal odds; or a lay (`_LAY`). With the scale of each
-    integrated out, the residual gives every C a weight and every parameter a Student distribution. u is
-    such that the mixture of these holds COVERAGE within t(n) u. No parameter gets more than a bound by
-    energy (`_bound`).
+    changes them, so that they are normal with the covariance F' C F (restricted likelihood). F is 0 where
+    a block is not `whole`: its mean departs from the height at its middle, by little, but by more than
+    smooth deviations have in the last degrees. C is white as far as the residual reaches, a short
+    correlation or a spectrum of `likely_spectra`, both with white noise below them, alike in all directions,
+    all with equal odds; or a lay (`_LAY`). With the scale of each integrated out, the residual gives every
+    C a weight and every parameter a Student distribution. u is such that the mixture of these holds
+    COVERAGE within t(n) u. No parameter gets more than a bound by energy (`_bound`).
     """
     Q, R, r = _factors(J, r)
     N, p = Q.shape
@@ -469,20 +483,23 @@ def _next_to_the_model(
     white = inverse @ inverse.T
     size = float(np.sqrt(r @ r / N))
     r = r / (size or 1.0)
-    own = _kept_surroundings(x.tobytes(), y.tobytes(), Q.tobytes(), p, is_line)
+    if 2 * whole.sum() < N or not _is_of_full_rank(J[:, whole]):
+        whole = np.ones(N, bool)
+    own = _kept_surroundings(x.tobytes(), y.tobytes(), Q.tobytes(), whole.tobytes(), p, is_line)
     order, F, n = own.order, own.F, own.F.shape[1]
     t = F.T @ r
     if n == 0 or not float(t @ t) > _ROUNDING**2 * N:  # it says nothing
         return _Beside(white * (size**2 * float(r @ r) / (N - p)), n, Q, False)
-    found = _white(t, float(r @ r), N - p, white)
-    if own.is_seen:  # short correlations have spectra
+    rest = r if whole.all() else _factors(J[:, whole], r[whole])[2]
+    found = _white(t, float(rest @ rest), rest.size - p, white)
+    if not is_line:  # short correlations have spectra
         found = found[-1:]
     found += _coloured(own.grams, t, inverse, own.odds)
     alike = len(found)
     if not is_line:
-        across = _across(x, y, r, own.last)
-        f, G = _waves(x, y, np.column_stack([Q, F]), own.last, angle=across)
-        S, odds = _spectra(f, n_smooth=16)
+        across = angle_across(x, y, r, own.last)
+        f, G = under_waves(x, y, np.column_stack([Q, F]), own.last, angle=across)
+        S, odds = likely_spectra(f, n_smooth=16)
         found += _coloured(_under_spectra(S, G, p), t, inverse, _LAY * odds)
     logs = np.array([v for v, _, _ in found])
     kept, weights = _likely(logs)
@@ -497,7 +514,7 @@ def _next_to_the_model(
     held = np.minimum(u, np.sqrt(np.square(inverse) @ most))
     scale = size * held / np.sqrt(np.diag(mean))
     # a lay is seldom as straight and as long as its spectrum has it
-    is_known = own.is_seen and not np.isnan(order).any()
+    is_known = not is_line and not np.isnan(order).any()
     is_known = is_known and bool(weights[kept < alike].sum() > 0.5)
     return _Beside(mean * np.outer(scale, scale), n, Q, is_known, bool((held < u)[1:].any()))
 
@@ -511,31 +528,29 @@ class _Surroundings:
     F: FloatArray  # these, (., n)
     grams: tuple[FloatArray, FloatArray]  # under each spectrum that is alike in all directions
     odds: FloatArray  # of each
-    is_seen: bool  # the waves are short enough for the model across the support too
 
 
 @lru_cache(maxsize=2)
-def _kept_surroundings(x: bytes, y: bytes, Q: bytes, p: int, is_line: bool) -> _Surroundings:
+def _kept_surroundings(
+    x: bytes, y: bytes, Q: bytes, whole: bytes, p: int, is_line: bool
+) -> _Surroundings:
     """Return the surroundings of a model; the maps of a batch mostly have the same places and model."""
     at_x, at_y = np.frombuffer(x), np.frombuffer(y)
     columns = np.frombuffer(Q).reshape(-1, p)
     order, top = _orders(columns, at_x, at_y, is_line=is_line)
-    F = _beside(columns, at_x, at_y, top, is_line=is_line)
+    there = np.frombuffer(whole, dtype=bool)
+    beside = _beside(
+        _factors(columns[there].T, at_x[there])[0], at_x[there], at_y[there], top, is_line=is_line
+    )
+    F = np.zeros((at_x.size, beside.shape[1]))
+    F[there] = beside
     if F.shape[1] == 0:
-        return _Surroundings(order, top, F, (F, F), order, False)
+        return _Surroundings(order, top, F, (F, F), order)
     last = top if is_line else top + _BEYOND[-1]
     B = np.column_stack([columns, F])
-    f, G = _waves(at_x, at_y, B, last, angle=0.0 if is_line else None)
-    degrees = _narrowness(at_x, at_y) * (last + _MARGIN)  # of the waves, over the shorter side
-    is_seen = not is_line and bool(degrees >= np.nanmax(order, initial=0.0) + _MARGIN)
-    S, odds = _with_short(f) if is_seen else _spectra(f)
-    return _Surroundings(order, last, F, _under_spectra(S, G, p), odds, is_seen)
-
-
-def _narrowness(x: FloatArray, y: FloatArray) -> float:
-    """Return the shorter over the longer principal axis of the places: of a rectangle, of its sides."""
-    small, large = np.linalg.eigvalsh(np.cov(x, y))
-    return float(np.sqrt(max(small, 0.0) / large)) if large > 0.0 else 1.0
+    f, G = under_waves(at_x, at_y, B, last, angle=0.0 if is_line else None)
+    S, odds = likely_spectra(f) if is_line else with_short_ones(f)
+    return _Surroundings(order, last, F, _under_spectra(S, G, p), odds)
 
 
 def _white(
@@ -545,7 +560,7 @@ def _white(
 
     Those that are white as far as the residual reaches have one level along the polynomials, a = t' t,
     and in the m other directions, b. Those that are flat along the polynomials only (a short correlation)
-    have two, and the second may lie anywhere within the range of `_NOISE`, as under every spectrum. With
+    have two, and the second may lie anywhere within nine decades, as under every spectrum. With
     the levels integrated out the first has the odds
     G((n + m)/2) (a + b)^-((n + m)/2) : G(n/2) a^(-n/2) G(m/2) b^(-m/2) / log range.
     """
@@ -557,7 +572,7 @@ def _white(
     if m > 0 and b > 0.0:
         log = gammaln(0.5 * (n + m)) - gammaln(0.5 * n) - gammaln(0.5 * m)
         log += 0.5 * m * np.log(b) - 0.5 * (n + m) * np.log(a + b)
-        log += np.log(np.log(_NOISE[-1] / _NOISE[0]))
+        log += np.log(9.0 * np.log(10.0))
         found.append((float(log), float(n + m), white * ((a + b) / (n + m))))
     return found
 
@@ -590,7 +605,7 @@ def _coloured(
     n = t.size
     volume, left = _over_noise(beside, t)
     logs = -0.5 * volume - 0.5 * n * np.log(left)
-    logs += np.log(odds / _NOISE.size)[:, None]
+    logs += np.log(odds)[:, None] + np.log(_NOISE_ODDS)
     white = inverse @ inverse.T
     c, k = np.unravel_index(_likely(logs.ravel())[0], logs.shape)
     used, at = np.unique(c, return_inverse=True)
@@ -690,129 +705,6 @@ def _beside(Q: FloatArray, x: FloatArray, y: FloatArray, top: int, *, is_line: b
             break
         basis = np.hstack([basis, new])
     return np.asarray(basis[:, Q.shape[1] :])
-
-
-def _waves(
-    x: FloatArray, y: FloatArray, B: FloatArray, top: int, *, angle: float | None
-) -> tuple[FloatArray, FloatArray]:
-    """Return frequencies times the width and the Gram matrices of columns B under waves of each.
-
-    B' C B of an isotropic spectrum S is the integral of S(f) |B^(f)|^2 over the plane. Of a lay, which
-    lies at one angle, it is that over a line.
-    """
-    rings = [(f, share * (w.T @ w)) for f, share, _, w in _rings(x, y, B, top, angle)]
-    return np.array([f for f, _ in rings]), np.stack([G for _, G in rings])
-
-
-def _across(x: FloatArray, y: FloatArray, r: FloatArray, top: int) -> float:
-    """Return the angle of the second moment of the spectrum of a residual, across its lay."""
-    moment = 0.0 + 0.0j
-    for _, share, at, waves in _rings(x, y, r[:, None], top, None):
-        power = np.square(waves).reshape(2, -1).sum(axis=0)
-        moment += share * complex(power @ np.exp(2.0j * at))
-    return 0.5 * float(np.angle(moment))
-
-
-def _rings(
-    x: FloatArray, y: FloatArray, B: FloatArray, top: int, angle: float | None
-) -> Iterator[tuple[float, float, FloatArray, FloatArray]]:
-    """Yield frequency times the width, share of each wave, angles, and sums of columns B under waves.
-
-    Rings with equal angles on each, as many as make an integral exact for lags within the width D. A
-    polynomial of degree d has its energy about f = (d + 1) / (pi side), so that beyond the last ring a
-    spectrum is white to all of them.
-    """
-    x, y = x - 0.5 * (x.min() + x.max()), y - 0.5 * (y.min() + y.max())
-    D = 2.0 * float(np.sqrt(np.max(x * x + y * y)))
-    side = max(float(np.ptp(x)), float(np.ptp(y)))
-    step = 1.0 / 3.0  # the lags of a step of 1/(3 D) come round at 3 D
-    n = int(np.ceil((top + _MARGIN) / np.pi * D / side / step))
-    f = np.concatenate([np.geomspace(0.02, step, 8)[:-1], step * np.arange(1, n + 1)])
-    width = np.gradient(f) * (f if angle is None else 1.0)
-    summed = _sums_under_waves(x, y, B)
-    for ring, share in zip(f.tolist(), width.tolist(), strict=True):
-        n = int(np.ceil(np.pi * ring + 8.0))
-        at = np.pi / n * (np.arange(n) + 0.5) if angle is None else np.array([angle])
-        k = 2.0 * np.pi * ring / D
-        waves = summed(k * np.cos(at), k * np.sin(at))
-        yield ring, share / at.size, np.asarray(at, dtype=np.float64), waves
-
-
-def _sums_under_waves(
-    x: FloatArray, y: FloatArray, B: FloatArray
-) -> Callable[[FloatArray, FloatArray], FloatArray]:
-    """Return what gives cos(kx x + ky y)' B of each wave, and below it sin(kx x + ky y)' B.
-
-    Of places on a grid exp(i (kx x + ky y)) is a product of two short tables, and no table of all
-    waves at all places is made.
-    """
-    # centres of blocks are means: equal but for the rounding
-    (across, column), (along, row) = (
-        np.unique(v.round(12 - _decade(np.ptp(v))), return_inverse=True) for v in (x, y)
-    )
-    if across.size * along.size > 2 * x.size:  # no grid
-
-        def scattered(kx: FloatArray, ky: FloatArray) -> FloatArray:
-            phase = np.outer(kx, x) + np.outer(ky, y)
-            return np.concatenate([np.cos(phase) @ B, np.sin(phase) @ B])
-
-        return scattered
-
-    grid = np.zeros((along.size, across.size, B.shape[1]))
-    np.add.at(grid, (row, column), B)
-    rows = grid.reshape(along.size, -1)
-
-    def gridded(kx: FloatArray, ky: FloatArray) -> FloatArray:
-        phase = np.outer(ky, along)
-        under = (np.concatenate([np.cos(phase), np.sin(phase)]) @ rows).reshape(
-            2, kx.size, *grid.shape[1:]
-        )
-        phase = np.outer(kx, across)[:, None]
-        cos, sin = np.cos(phase), np.sin(phase)
-        real = cos @ under[0] - sin @ under[1]
-        imaginary = cos @ under[1] + sin @ under[0]
-        return np.concatenate([real[:, 0], imaginary[:, 0]])
-
-    return gridded
-
-
-def _decade(span: float) -> int:
-    return int(np.ceil(np.log10(span))) if span > 0.0 else 0
-
-
-def _spectra(f: FloatArray, n_smooth: int = 45) -> tuple[FloatArray, FloatArray]:
-    """Return the spectra that a surface may have, (number, frequencies), and the odds of each.
-
-    (1 + 2 (pi l f)^2 / B)^(-B/2), f in periods per width, falls as f^-B from a length l on;
-    exp(-(pi l f)^2), its limit, is the Gaussian correlation. All six kinds have the same odds: half for
-    lengths from a sixteenth of the width on, and half for those of a width and more, where the map sees a
-    pure power law. A smooth kind as long as the map would be a form, and has lengths up to the width only.
-    """
-    found, odds = [], []
-    for B in (1.0, 2.0, 3.0, 4.0, 8.0, np.inf):
-        is_limit = bool(np.isinf(B))
-        n = n_smooth if is_limit else 16 if B >= 8.0 else 10
-        lengths = np.geomspace(1 / 16, 4.0 if B < 8.0 else 1.0, n)
-        square = np.square(np.pi * lengths[:, None] * f)
-        found.append(np.exp(-square) if is_limit else (1.0 + 2.0 * square / B) ** (-0.5 * B))
-        long = lengths >= 0.99
-        share = np.where(long, 0.5 / long.sum(), 0.5 / (~long).sum())
-        odds.append((share if B < 8.0 else np.full(n, 1.0 / n)) / 6.0)
-    return np.concatenate(found), np.concatenate(odds)
-
-
-def _with_short(f: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return `_spectra` and those of texture, nearly white along the polynomials, and the odds of each.
-
-    Texture is smooth or exponential (B = 3), of lengths below those of `_spectra`. It has the odds of a kind.
-    """
-    S, odds = _spectra(f)
-    square = np.square(np.pi * np.geomspace(1 / 64, 1 / 16, 9)[:-1, None] * f)
-    short = np.concatenate(
-        [(1.0 + 2.0 * square / B) ** (-0.5 * B) for B in (3.0, 8.0)] + [np.exp(-square)]
-    )
-    n = len(short)
-    return np.concatenate([S, short]), np.concatenate([odds, np.full(n, 1.0 / n)])
 
 
 def _orders(

@@ -23,9 +23,9 @@ from metrosep.io.own_notes import is_marked
 from metrosep.io.several_runs import BLOCKS, COLUMNS, FoundRuns
 from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import encoding_hint, find_column, header_unit, holds_counts
+from metrosep.io.text.encoding import ROLE_WORDS, Role
 from metrosep.io.text.table import Column, Table
 from metrosep.io.text.times import LONG_AGO_S, written_moments
-from metrosep.io.text.words import ROLE_WORDS, Role
 
 __all__ = [
     "ColumnSpec",
@@ -165,7 +165,7 @@ def runs_in(table: Table) -> FoundRuns | None:
     in_volts = z is not None and (u := table[z].unit) is not None and u.dimension == "voltage"
     series = {_series(c.name): c for c in by_role.get("run", ()) if _may_be_one_of_several(c)}
     if len(series) == 1 and "x" in single and not by_role.get("time") and not targets_in(table):
-        alike = runs_beside(table, next(iter(series.values())).name)
+        alike = runs_beside(table, next(iter(series.values())).name, single["x"].name)
         if len(alike) > 1 and all(map(_may_be_one_of_several, alike)):
             return _found_beside(alike, single["x"])
     facts: dict[str, Any] = {
@@ -212,9 +212,9 @@ def _may_be_one_of_several(column: Column) -> bool:
     )
 
 
-def runs_beside(table: Table, name: str) -> list[Column]:
-    """Return the columns that are called alike but for a number, in whatever unit."""
-    return [c for c in table.columns if _series(c.name) == _series(name)]
+def runs_beside(table: Table, name: str, place: str) -> list[Column]:
+    """Return the columns that are called alike but for a number, in whatever unit; that of the places is none."""
+    return [c for c in table.columns if _series(c.name) == _series(name) and c.name != place]
 
 
 def _series(name: str) -> str:

@@ -513,7 +513,8 @@ def _runs_beside(
     """Yield the runs that are columns beside each other: the one that z names, and those called alike."""
     table = held.pop()
     column, unit = pick(file, table, request.z, role="z")
-    alike = runs_beside(table, column.name)
+    place, _ = pick(file, table, request.x, role="x")
+    alike = runs_beside(table, column.name, place.name)
     if len(alike) < 2:
         raise FormatMismatchError(
             f"{file.path}: no column is called like {column.name!r} but for a number, and run={COLUMNS!r} takes such "

@@ -114,16 +114,17 @@ def read_term_table(
             f"{file}: line {table.lines[back[0] + 1]}: the positions neither rise nor fall all the way; each "
             "place has one line"
         )
-    place, columns = place[::way], {n: c[::way] for n, c in columns.items()}
-    span = (float(place[0]), float(place[-1]))
+    at_places = place[::way].tolist()
+    rising = {n: c[::way].tolist() for n, c in columns.items()}
+    span = (at_places[0], at_places[-1])
     turn = 2.0 * math.pi
     whole = kinds[axis] == "angle" and abs(span[1] - span[0] - turn) <= _ROUNDING * turn
-    found = {}
-    for n, c in columns.items():
+    terms = {}
+    for n, c in rising.items():
         if not n.startswith(_U):
             period = turn if whole and closes(c) else None
-            found[n] = (TableTerm(place, c, columns.get(_U + n, 0.0), period), span)
-    return found
+            terms[n] = (TableTerm(at_places, c, rising.get(_U + n, 0.0), period), span)
+    return terms
 
 
 def term_file(name: str, *, is_constant: bool) -> str:

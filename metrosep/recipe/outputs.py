@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from metrosep.compensation import CompensationTable, PolynomialFit, Verification
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.measured import Folds
-from metrosep.compensation.sampling import USUAL_ENTRIES, rounded_spacing
+from metrosep.compensation.sampling import USUAL_ENTRIES, rounded_spacing, spaced_with_zero
 from metrosep.controllers.options import checked_options
 from metrosep.controllers.registry import find
 from metrosep.core.errors import CorruptFileError, DataError, MetrosepError, TableError, WriteError
@@ -38,7 +38,7 @@ from metrosep.recipe.preflight import (
 from metrosep.recipe.result import is_positioning, measured_runs, stored_estimate
 from metrosep.recipe.schema import COMMAND, Place
 from metrosep.separation.positions.expansion import Expansion
-from metrosep.separation.positions.pitch import pitch_errors_of
+from metrosep.separation.positions.pitch import PitchErrors, pitch_errors_of
 from metrosep.separation.runs.base import ErrorEstimate
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def make_table(estimate: ErrorEstimate, output: Mapping[str, Any]) -> Compensati
         ).hinting(spacing=rounded_spacing((estimate.stop - estimate.start) / USUAL_ENTRIES))
     return CompensationTable.from_error(
         estimate,
-        positions=spacing,
+        positions=_entries(estimate, output),
         axis=output["axis"],
         compensates=output.get("compensates"),
         direction=output.get("direction", "auto"),
@@ -136,11 +136,21 @@ def pitch_table(runs: RunSet, output: Mapping[str, Any]) -> CompensationTable:
     direction = output.get("direction", "auto")
     return CompensationTable.from_error(
         errors,
-        positions=output.get("spacing"),
+        positions=_entries(errors, output),
         axis=axis,
         compensates=target,
         direction="both" if direction == "auto" and not _holds_both(output) else direction,
     )
+
+
+def _entries(error: ErrorEstimate | PitchErrors, output: Mapping[str, Any]) -> Any:
+    """Return the entries, or their spacing: a format that takes any gets the reference as one more of them."""
+    spacing, zero = output.get("spacing"), output.get("reference")
+    if not isinstance(spacing, str) or zero is None:
+        return spacing
+    if find(output["controller"]).info.spacing != "free":
+        return spacing
+    return spaced_with_zero(error, spacing, output["axis"], zero)
 
 
 def _holds_both(output: Mapping[str, Any]) -> bool:

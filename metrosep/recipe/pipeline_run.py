@@ -142,8 +142,13 @@ def measure_object(recipe: Recipe, obj: Any, *, tell: Tell | None = None) -> Mea
     return with_sections(recipe, Measurement(obj, tuple(stages)))
 
 
-def with_sections(recipe: Recipe, measured: Measurement) -> Measurement:
-    """Return a measurement with the sections of a recipe, cut through what the last step left."""
+def with_sections(
+    recipe: Recipe, measured: Measurement, *, lost: list[MetrosepError] | None = None
+) -> Measurement:
+    """Return a measurement with the sections of a recipe, cut through what the last step left.
+
+    The errors of single sections go into `lost` where it is given, and the others are kept.
+    """
     if not recipe.sections:
         return measured
     from metrosep.recipe.map_sections import section_of
@@ -154,11 +159,12 @@ def with_sections(recipe: Recipe, measured: Measurement) -> Measurement:
             found.append(section_of(measured.obj, section))
         except DataError as exc:
             error = recipe.place("[[section]]", i).error(str(exc), "name")
-            if not isinstance(exc, _OF_DATA):
-                raise error from None
-            # gaps of one map are no fault of the recipe
-            exc.args = (str(exc if recipe.name == COMMAND else error), *exc.args[1:])
-            raise
+            if isinstance(exc, _OF_DATA):  # gaps of one map are no fault of the recipe
+                exc.args = (str(exc if recipe.name == COMMAND else error), *exc.args[1:])
+            told = exc if isinstance(exc, _OF_DATA) else error
+            if lost is None:
+                raise told from None
+            lost.append(told)
     return replace(measured, sections=tuple(found))
 
 

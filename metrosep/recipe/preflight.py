@@ -74,8 +74,7 @@ def check_recipe(recipe: Recipe) -> None:
             raise place.error("a recipe fits at most one polynomial", "op")
         if op == "plan_feedrates" and (op in seen or "separate" not in seen):
             raise place.error(
-                "one plan_feedrates at most, after the step that separates: it plans with the "
-                "disturbance found there",
+                "plan_feedrates uses the disturbance that the step separate finds: keep one of it, after that step",
                 "op",
             )
         if op == "laser_setup" and seen:

@@ -232,6 +232,10 @@ def input_files(recipe: Recipe, inputs: PathLike | Iterable[PathLike] | None) ->
         if not place.is_dir():
             found.append(place)
             continue
+        result = place / RESULT_NAME
+        if recipe.is_method and "files" not in recipe.input and result.is_file():
+            found.append(result)  # the folder of a result stands for it, as elsewhere
+            continue
         patterns = recipe.input.get("files", ["*.csv"])
         found += _in_order(place, patterns) if recipe.is_method else _sorted(place, patterns)
     return found

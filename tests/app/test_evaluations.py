@@ -103,3 +103,32 @@ def test_a_map_without_lateral_steps_has_no_preview():
         obj, is_preview = evaluations.source(level)
         assert obj is evaluations.obj
         assert not is_preview
+
+
+def test_a_large_map_without_scale_shows_at_once_what_is_known_and_then_the_truth():
+    """Its coarse copy would have other pixels: the hand sees the steps that were carried out already."""
+    row, column = np.mgrid[:500, :600]
+    surface = Surface((3.0 * column - 2.0 * row) * 1e-9)
+    made = Evaluations(surface)
+    plane, mask = (
+        {"op": "form", "form": "plane"},
+        {
+            "op": "mask",
+            "aperture": {"shape": "circle", "diameter": "90 px", "centre": ["70 px", "200 px"]},
+        },
+    )
+
+    first = made.outcome([plane], "drag")
+    assert first.is_preview
+    assert first.after(-1) is surface
+    assert first.after(0) is surface  # not "there is no step 1"
+    full = made.outcome([plane], "full")
+    assert not full.is_preview
+    assert full.after(-1).peak_to_valley() == 0.0
+    assert made.outcome([plane], "drag").after(-1) is full.after(-1)
+    assert not made.outcome([plane], "drag").is_preview
+    drawn = made.outcome([plane, mask], "drag")
+    assert drawn.is_preview
+    assert drawn.after(-1) is full.after(-1)
+    n = made.outcome([plane, mask], "full").after(-1).n_invalid
+    assert n == np.count_nonzero((column - 70) ** 2 + (row - 200) ** 2 > 45**2)

@@ -94,3 +94,20 @@ def test_a_limit_that_cannot_be_judged_leaves_the_numbers_of_runs(tmp_path, own,
         with pytest.raises(ms.errors.RecipeError, match="uncertainty of residual_rms"):
             answers.answer({"k": "report"})
     assert {r["symbol"] for r in header["rows"]} >= {"pv", "residual_rms"}
+
+
+def test_a_section_beside_the_map_leaves_the_numbers_of_the_others(answers):
+    sections = [
+        {"kind": "line", "name": "beside", "a": "90 mm, 1 mm", "b": "95 mm, 1 mm"},
+        {"kind": "line", "name": "on", "a": "1 mm, 1 mm", "b": "3 mm, 1 mm"},
+    ]
+    for k, section in enumerate(sections):
+        answers.answer({"k": "edit", "path": ["section", k], "old": None, "new": section})
+    header, _ = answers.answer({"k": "metrics", "level": "full"})
+    rows = {row["symbol"]: row["value"] for row in header["rows"]}
+    # a cosine of 0.5 um over 3 pixels: from pixel 10 to 30 it goes through both of its ends
+    assert rows["section.on.Pt"] == pytest.approx(1e-6, abs=0.06e-6)
+    assert not any(name.startswith("section.beside") for name in rows)
+    assert "beside" in header["refused"]
+    assert "wholly outside" in header["refused"]
+    assert header["verdict"] is None  # as `metrosep run` refuses it

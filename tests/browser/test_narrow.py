@@ -192,3 +192,38 @@ def test_runs_and_the_form_of_a_table_fit_a_telephone(opened: Opened, tmp_path: 
     assert slim == []
     assert page.run("document.documentElement.scrollWidth <= innerWidth")
     assert page.errors == []
+
+
+def test_a_tab_that_is_tapped_on_a_telephone_is_seen_whatever_part_was_chosen(
+    opened: Opened, map_file: Path
+) -> None:
+    page = opened(map_file)
+    page.show(390, 844)
+    for part in ("section", "steps", "numbers"):
+        page.click(f"#parts [data-part={part}]")
+        page.click("#tab-compare")
+        assert page.run(f"{SEEN}('panel-compare')"), part
+        assert not page.run(
+            "document.querySelector('#parts [data-part=section]').checkVisibility()"
+        )
+        page.click("#tab-view")
+        assert page.run(f"{SEEN}('map')")
+
+
+def test_a_sentence_that_comes_covers_neither_the_tabs_nor_undo(
+    opened: Opened, map_file: Path
+) -> None:
+    page = opened(map_file)
+    page.run("document.querySelector('#tools [data-tool=section]').click()")
+    left, top, width, height = page.box("#map canvas")
+    page.drag((left + 0.4 * width, top + 0.4 * height), (0.2 * width, 0.1 * height))
+    page.wait("document.querySelector('.draw-field [data-key=a]') !== null")
+    page.run(
+        "(() => { const e = document.querySelector('.draw-field [data-key=a]'); e.value = 'abc';"
+        "e.dispatchEvent(new Event('change')); })()"
+    )
+    page.wait("document.querySelector('#alerts .alert') !== null")
+    for there in ("#undo", "#tab-report", "#panel-steps header", "#metrics"):
+        x, y = page.middle(there)
+        at = f"document.elementFromPoint({x}, {y})"
+        assert page.run(f"{at}.closest('#alerts') === null"), there

@@ -107,6 +107,7 @@ def test_read_prints_what_the_instrument_would_read(call, folder, tmp_path):
     )
     rows = done.out.splitlines()
     assert rows[0] == "reading_x_um,reading_y_um,reading_z_um,left_x_um,left_y_um,left_z_um"
+    assert "ball_1.csv calls unknown (ball)" in done.err
     # the line of C stands 10 um further along X: the ball goes with it, the tool is short of it
     values = [float(v) for v in rows[1].split(",")[:3]]
     np.testing.assert_allclose(values, [-10.0, 0.0, 0.0], rtol=0, atol=1e-6)

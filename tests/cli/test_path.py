@@ -81,7 +81,7 @@ def test_error_of_the_map_is_subtracted(call, tmp_path):
         == PROGRAM
     )
     assert "3 of 7 blocks changed" in err
-    assert "1 words inserted" in err
+    assert "1 word inserted" in err
     assert json.loads((tmp_path / "out.nc.json").read_text())["correction"]["c_sense"] == 1
 
 
@@ -425,3 +425,18 @@ def test_a_program_in_diameters_beyond_the_map_is_told_of_its_option(call, tmp_p
     code, _, err = call(*words, "--radius", "--force")
     assert code == 4
     assert "diameter" not in err
+
+
+def test_a_way_out_beyond_the_form_keeps_the_value_at_the_edge(call, tmp_path):
+    """A sphere of 10 mm has no slope at X = 80; where no map was measured the nose touches nothing."""
+    (tmp_path / "far.nc").write_text(
+        "G21 G90\nG0 X80.0 C0.0 Z9.0\nX1.0\nG1 Z1.0 F5\nC90.0\nG0 Z9.0\nX80.0\nM30\n"
+    )
+    words = ("far.nc", "--error", "error.x3p", "--c-sense", "+1", "--radius", "--outside", "hold")
+    code, _, err = call(*words, "--nose", "0.5 mm", "--form", "sphere: R=10 mm", "-o", "nose.nc")
+    assert code == 0, err
+    code, _, err = call(*words, "--nose", "0 mm", "-o", "points.nc")
+    assert code == 0, err
+    last = [unmarked((tmp_path / n).read_text()).split("\n")[-3] for n in ("nose.nc", "points.nc")]
+    assert last[0] == last[1]
+    assert last[0].startswith("X80.0 Z")

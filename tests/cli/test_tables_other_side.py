@@ -190,6 +190,19 @@ def test_the_reference_is_an_entry_of_every_spacing(reference, spacing, tmp_path
     assert abs(float(correction(reference, 1))) < 1e-12  # mm
 
 
+def test_a_format_that_takes_any_positions_keeps_its_ends(tmp_path, metrosep):
+    targets = np.array([-120.0, -113.2, -104.9, -98.3, -88.1, -80.4, -71.8, -60.0])
+    words = written(tmp_path / "run.csv", targets, lossy, unit="mm", seed=9)
+    out = tmp_path / "x.comp"
+    code, _, told = metrosep(
+        "table", *words, "--axis", "X", "--reference", "-98.3 mm", "--spacing", "5 mm", "-o", out
+    )
+    assert code == 0, told
+    nominal, ahead, _ = np.loadtxt(out, unpack=True)
+    assert np.array_equal(nominal, np.sort([*np.arange(-120.0, -59.0, 5.0), -98.3]))
+    assert ahead[nominal == -98.3] == -98.3
+
+
 # ---- one turn, whose readings at 0 and 360 degrees are never the same number
 
 
@@ -250,3 +263,101 @@ def test_a_turn_that_does_not_come_back_is_refused(tmp_path, metrosep):
     assert code == 2
     assert "the values at 0 and 360 deg must be the same" in told
     assert not (tmp_path / "c.txt").exists()
+
+
+# ---- a unit typed wrong: an error of millimetres
+
+
+def test_micrometres_read_as_millimetres_are_refused(tmp_path, metrosep):
+    targets = np.arange(-120.0, 181.0, 20.0)
+    words = written(tmp_path / "run.csv", targets, lossy, unit="mm", seed=6)
+    text = (tmp_path / "run.csv").read_text().replace("_um", "_mm")
+    (tmp_path / "run.csv").write_text(text)
+    words = [str(w).replace("_um", "_mm") for w in words]
+    out = tmp_path / "x.comp"
+    code, _, told = metrosep("table", *words, "--axis", "X", "-o", out)
+    assert code == 1
+    assert (
+        "check the units of the readings; if they are right, state the stroke of the axis" in told
+    )
+    assert not out.exists()
+    code, _, told = metrosep(
+        "table", *words, "--axis", "X", "--machine", "stroke=10 mm", "-o", out
+    )
+    assert code == 0, told
+
+
+# ---- a file of the control alone, which does not say where its axis is referenced
+
+
+@pytest.mark.parametrize(("way", "grade"), [(1, "accepted"), (-1, "refused")])
+def test_a_file_without_sidecar_is_judged_from_where_it_is_zero(way, grade, tmp_path, metrosep):
+    zero = lossy(0.0, 1)
+    nodes = np.arange(-100.0, 201.0, 12.5)
+    body = "".join(
+        f"$AA_ENC_COMP[0,{i},X1]={way * (lossy(p, 1) - zero) * UM:.6f}\n"
+        for i, p in enumerate(nodes)
+    )
+    ends = "".join(
+        f"$AA_ENC_COMP_{name}[0,X1]={value}\n"
+        for name, value in (("STEP", 12.5), ("MIN", -100.0), ("MAX", 200.0), ("IS_MODULO", 0))
+    )
+    file = tmp_path / "eec.ini"
+    file.write_text(f"%_N_AX_EEC_INI\nCHANDATA(1)\n{body}{ends}M17\n")
+    run, *words = written(tmp_path / "run.csv", nodes, lossy, unit="mm", seed=7)
+    code, out, told = metrosep(
+        "verify", file, "--against", run, *words, "--format", "sinumerik-enc"
+    )
+    assert code == (0 if way > 0 else 1), told
+    assert grade in out + told
+    assert "zero of the machine moves" not in out + told
+
+
+# ---- Turbo PMAC: lost motion in a table of its own
+
+
+def test_a_backlash_table_alone_names_the_table_that_it_belongs_to(tmp_path, metrosep):
+    rising = lambda p, way: lossy(p, 1) + (1.3 + 0.002 * p) * (way < 0)  # noqa: E731
+    words = written(
+        tmp_path / "run.csv", np.arange(-120.0, 181.0, 20.0), rising, unit="mm", seed=8
+    )
+    size = ["--axis", "X", "--machine", "count=100 nm"]
+    out, ahead = tmp_path / "back.pmc", tmp_path / "ahead.pmc"
+    code, _, told = metrosep("table", *words, *size, "--format", "pmac-backlash", "-o", out)
+    assert code == 1
+    assert "this file alone leaves the error of one direction as it is" in told
+    assert 'name their file in --machine "comp=...' in told
+    forward = ["--format", "pmac", "--table-direction", "forward", "-o", ahead]
+    code, _, told = metrosep("table", *words, *size, *forward)
+    assert code == 0, told
+    both = ["--format", "pmac-backlash", "--machine", f"comp={ahead}", "-o", out]
+    code, _, told = metrosep("table", *words, *size, *both)
+    assert code == 0, told
+
+
+def test_a_turn_stays_one_whose_reference_is_no_multiple_of_the_spacing(tmp_path, metrosep):
+    """Counted from 10 deg on, entries every 15 deg would end at 355: no turn, and a jump where C rolls over."""
+    places = np.arange(0.0, 361.0, 2.0)
+    rows = [f"{p},{rotary(p, 1) + 0.01 * k:.4f},{k}" for k in range(3) for p in places]
+    (tmp_path / "c.csv").write_text("\n".join(["c_deg,z_um,run", *rows]) + "\n")
+    out = tmp_path / "c.txt"
+    code, _, told = metrosep(
+        "table", tmp_path / "c.csv", "--x", "c_deg", "--z", "z_um", "--run", "run", "--method", "mean", "--axis", "C",
+        "--compensates", "Z", "--format", "csv", "--reference", "10 deg", "--spacing", "15 deg", "-o", out,
+    )  # fmt: skip
+    assert code in (0, 3), told
+    assert "0 ... 360 deg, 26 entries" in told  # and the reference
+
+
+@pytest.mark.parametrize(("spacing", "is_said"), [(25.0, True), (1.0, False)])
+def test_what_the_entries_do_not_reach_is_said(spacing, is_said, tmp_path, metrosep):
+    """Entries every 25 mm from 7.3 mm on end at 82.3 mm; of 100 mm that were measured 17.7 mm are not corrected."""
+    error = lambda p, way: 5.0 * np.sin(2 * np.pi * p / 170) + 0.03 * p  # noqa: E731
+    words = written(tmp_path / "run.csv", np.arange(0.0, 101.0, 5.0), error, unit="mm", seed=7)
+    code, _, told = metrosep(
+        "table", *words, "--axis", "X", "--reference", "7.3 mm", "--spacing", f"{spacing} mm",
+        "--format", "sinumerik-enc", "--machine", "machine_axis=X1", "-o", tmp_path / "x.ini",
+    )  # fmt: skip
+    assert code == 0, told
+    said = "the entries reach over 7.3 ... 82.3 mm, the error is known over 0 ... 100 mm"
+    assert (said in told) is is_said

@@ -111,6 +111,10 @@ def test_place_in_a_message_is_no_option():
 def test_call_of_python_keeps_its_arguments():
     told = as_options("read runs with read_runs(x=, z=), or give x=", ("settings",))
     assert told == 'read runs with read_runs(x=, z=), or give --set "x=..."'
+    call = "read_runs('b.csv', x='Travel (in)', z='Probe (µin)', run='Pass')"
+    assert (
+        as_options(call, ("settings",)) == call
+    )  # parentheses in the name of a column end no call
 
 
 def test_check_of_a_table_has_no_option_within_a_call(tmp_path, capsys):

@@ -80,6 +80,16 @@ def folder(tmp_path):
 # --- a second program in the file ------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("top", ["", "%\n"])
+@pytest.mark.parametrize("behind", ["%\n", "%\n%\n"])
+def test_the_tape_behind_a_tape_is_refused(folder, top, behind):
+    """A control may skip what stands above the first %, and load what follows it: the program that has no correction."""
+    body = f"{START}G1 Z.1 F10\nM30\n"
+    error = folder.refused(f"{top}{body}{behind}O2\n{body}%\n")
+
+    assert "behind the end of the program" in str(error)
+
+
 @pytest.mark.parametrize("end", ["M30", "M2", "N90 M02"])
 def test_moves_behind_the_end_are_refused_and_never_left_as_they_are(folder, end):
     error = folder.refused(
@@ -91,7 +101,15 @@ def test_moves_behind_the_end_are_refused_and_never_left_as_they_are(folder, end
 
 
 @pytest.mark.parametrize(
-    "rest", ["%\nG1 X4. Z1.\n", "(X4.)\n", "O0002\n", "written on a Friday\n", "\n"]
+    "rest",
+    [
+        "%\nX4. too low, said Karl\n",
+        "%\n%\nO0003\n",
+        "(X4.)\n",
+        "O0002\n",
+        "written on a Friday\n",
+        "\n",
+    ],
 )
 def test_what_moves_nothing_behind_the_end_stays(folder, rest):
     text, _ = folder.rewrite(f"{START}G1 Z.1 F10\nM30\n{rest}")

@@ -212,4 +212,6 @@ def test_plane_of_a_slave_that_turns(tmp_path):
     assert controllers.read(path, "isg-plane").compensates == "C"
     turned = CompensationMap(x, y, values, ("X", "C"), "Z", (0.0, 0.0))
     with pytest.raises(TableError, match=r"C turns.*70184"):
-        controllers.write(turned, tmp_path / "q.lis", "isg-plane", sign_confirmed=True, **numbers)
+        controllers.write(
+            turned, tmp_path / "q.lis", "isg-plane", sign_confirmed=True, stroke="1 mm", **numbers
+        )

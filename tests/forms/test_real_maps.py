@@ -151,17 +151,20 @@ def test_u_does_not_depend_on_the_maps_that_were_fitted_before():
         assert a == b
 
 
-def test_many_terms_over_long_waves_are_sure_of_what_they_know():
-    """36 terms over deviations that hang together over a third of the disc: covered, not by far.
+@pytest.mark.parametrize("s", [10, 20])
+def test_many_terms_over_long_waves_are_sure_of_what_they_know(s):
+    """36 terms over deviations that hang together over a third of the disc, and over two: covered, not by far.
 
     With the energy of the residual as a bound, the 95 % intervals held two thirds of the errors; with a
     power law continued to the lowest orders they held all, and were 2.6 times as wide as the errors scatter.
+    Over two thirds they held 0.87: white noise below the spectrum was never below 1e-8 of it, and the blocks
+    at the rim, of which parts are missing, had more in the last degrees than the deviations.
     """
     n = 64
     y, x = np.mgrid[-1 : 1 : n * 1j, -1 : 1 : n * 1j]
     covered, pulls = [], []
     for seed in range(8):
-        z = 5 * NM * correlated(np.random.default_rng(seed), n, 10)
+        z = 5 * NM * correlated(np.random.default_rng(seed), n, s)
         found = fit(
             ms.Surface(np.where(x * x + y * y <= 1.0, z, np.nan), STEP, STEP),
             form_from_text("zernike: terms=36"),
@@ -170,7 +173,7 @@ def test_many_terms_over_long_waves_are_sure_of_what_they_know():
         u = np.array([*found.u.values()])
         covered.append(np.abs(off) <= found.coverage_factor * u)
         pulls.append(off / u)
-        assert not any("bound from the energy" in w for w in found.warnings)
+        assert s == 20 or not any("bound from the energy" in w for w in found.warnings)
     assert 0.9 <= np.mean(covered) <= 0.99
     assert 0.7 < np.sqrt(np.mean(np.square(pulls))) < 1.3
 

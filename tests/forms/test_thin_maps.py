@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from metrosep import Surface
-from metrosep.forms import Polynomial, fit
+from metrosep.forms import PointSet, Polynomial, fit
 
 STEP, NM = 1e-5, 1e-9
 
@@ -35,6 +35,37 @@ def test_a_tilt_across_a_narrow_map_of_texture_lies_within_its_uncertainty():
         found = fit(Surface(z, STEP, STEP), "plane")
         held += abs(found.params["tilt_y"]) <= found.coverage_factor * found.u["tilt_y"]
     assert held >= 34
+
+
+@pytest.mark.parametrize("s", [2.0, 5.0])
+@pytest.mark.parametrize("as_points", [False, True])
+def test_u_of_a_narrow_map_is_not_wider_than_its_correlation_asks_for(s, as_points):
+    """C of Gaussian correlation is known, and with it the scatter of both tilts of 8 by 96 pixels.
+
+    U was 1.9 times as wide for s = 2 pixels and 5 times for s = 5: of two estimates the larger counted,
+    since the waves of one were all longer than the strip is wide.
+    """
+    x, y = (v.ravel() for v in np.meshgrid(np.arange(96.0), np.arange(8.0)))
+    J = np.stack([np.ones(x.size), STEP * (x - x.mean()), STEP * (y - y.mean())])
+    square = np.subtract.outer(x, x) ** 2 + np.subtract.outer(y, y) ** 2
+    solve = np.linalg.solve(J @ J.T, J)
+    scatter = 10 * NM * np.sqrt(np.diag(solve @ np.exp(-square / (4 * s * s)) @ solve.T))[1:]
+    wide, held = [], []
+    for seed in range(24):
+        noise = np.random.default_rng([37, seed]).standard_normal((88, 176))
+        smooth = gaussian_filter(noise, s, truncate=8.0)[40:-40, 40:-40]
+        z = 10 * NM * 2 * np.sqrt(np.pi) * s * smooth  # of unit variance in front of 10 nm
+        points = PointSet(STEP * x, STEP * y, z.ravel())
+        found = fit(points if as_points else Surface(z, STEP, STEP), "plane")
+        U = found.coverage_factor * np.array([found.u["tilt_x"], found.u["tilt_y"]])
+        if np.isnan(U).any():  # fewer independent cells than a plane needs
+            continue
+        off = np.abs([found.params["tilt_x"], found.params["tilt_y"]])
+        wide.append(U / (2 * scatter))
+        held.append(off <= U)
+    assert len(held) >= 12
+    assert np.mean(held) >= 0.88
+    assert 0.75 < np.median(wide) < 1.4
 
 
 def test_a_narrow_map_that_lies_askew_has_the_u_of_one_along_x():

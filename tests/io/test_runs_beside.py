@@ -127,3 +127,13 @@ def test_two_probes_are_no_runs(put):
             z="Taster 1 [µm]",
             run="columns",
         )
+
+
+@pytest.mark.parametrize("top", ["Taster 1 [mm];Taster 2 [um];Taster 3 [um]", ""])
+def test_the_column_of_the_places_is_none_of_the_runs(put, top):
+    """Columns without names are called column1 to column3: the first one holds the places, no error of 9 mm."""
+    rows = [f"{k / 2};{k % 3 / 8};{k % 5 / 8}" for k in range(20)]
+    x, z = ("Taster 1 [mm]", "Taster 2 [um]") if top else ("column1:mm", "column2:um")
+    runs = ms.read_runs(put("\n".join([*filter(None, [top]), *rows, ""])), x=x, z=z, run="columns")
+
+    assert [round(1e6 * float(r.z.max()), 6) for r in runs] == [0.25, 0.5]

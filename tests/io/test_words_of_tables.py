@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import metrosep as ms
+from metrosep.io.source import open_file
+from metrosep.io.text.table import read_table
 
 N = 40
 X = [0.25 * k for k in range(N)]
@@ -252,3 +254,45 @@ def test_groups_of_two_digits_are_named(put):
 
     with pytest.raises(ms.errors.ReadError, match="lakh"):
         ms.read(put(text))
+
+
+# ---- what looks alike and is something else -----------------------------------------------------
+
+
+@pytest.mark.parametrize("remark", ["#STOP!", "#PAUSE?", "#ACHTUNG!;Öl", "# STOP!"])
+@pytest.mark.parametrize("place", [0, 1, AT, N + 1])
+def test_a_remark_in_capitals_is_none_of_the_errors_of_a_spreadsheet(put, remark, place):
+    lines = ["x [mm];z [um]", *(f"{x};{z}" for x, z in zip(X, Z, strict=True))]
+    found = ms.read(put("\n".join([*lines[:place], remark, *lines[place:], ""])))
+
+    np.testing.assert_allclose(found.x, [1e-3 * v for v in X], rtol=0.0, atol=TIGHT)
+    np.testing.assert_allclose(found.z, [1e-6 * v for v in Z], rtol=0.0, atol=TIGHT)
+
+
+def test_a_sign_among_the_numbers_of_one_column_is_reported(put):
+    """It may be a remark, or the cell of a program in Swedish, without which all rows behind it move."""
+    text = "\n".join(
+        ["z [um]", *(f"{z}\n#VÄRDEFEL!" if k == AT else f"{z}" for k, z in enumerate(Z)), ""]
+    )
+    found = ms.read(put(text), lateral_step="1 mm")
+
+    assert found.z.size == N
+    assert "begin with the mark of a comment" in " ".join(found.metadata["warnings"])
+
+
+@pytest.mark.parametrize("names", ["First;Second;Third", "First;Second;Third\num;um;um"])
+def test_the_second_of_three_is_no_clock(put, names):
+    rows_of_three = [f"{x};{1.1 * x:.3f};{z}" for x, z in zip(X, Z, strict=True)]
+    with pytest.raises(ms.errors.FormatMismatchError, match="none is a time"):
+        ms.read(put("\n".join([names, *rows_of_three, ""])))
+
+
+@pytest.mark.parametrize("remark", ["# Durchmesser·Öse", "# 5 Äê", "# ·Öffnung 3"])
+@pytest.mark.parametrize("unit", ["µm", "°C"])
+def test_a_western_unit_speaks_against_two_bytes_for_a_word(put, remark, unit):
+    """In GB18030 the bytes of ·Ö are the word for a minute, those of µm a rare plant."""
+    rows_of_both = [f"{x};{z}" for x, z in zip(X, Z, strict=True)]
+    path = put("\n".join([remark, f"x [mm];z [{unit}]", *rows_of_both, ""]).encode("cp1252"))
+    _, found = read_table(open_file(path)).columns
+
+    assert found.name == f"z [{unit}]"

@@ -9,6 +9,7 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.special import erf
 
 import metrosep as ms
 from metrosep.cli.main import cli
@@ -75,6 +76,30 @@ def heights(z):
     found |= {"Spkx": h[0] - top, "Svkx": bottom - h[-1]}
     found |= {"Smr(10 nm)": np.mean(h >= 10e-9), "Smc(30 %)": cut(0.3)}
     return found | {"Sdc(5 %, 90 %)": cut(0.05) - cut(0.9)}
+
+
+def two_lines(z):
+    """Plateau and dales on the material probability curve: the best bend, once more without its surroundings."""
+    h = np.sort(z[~np.isnan(z)])[::-1]
+    s = np.linspace(-3, 3, 2000)
+    share = 0.5 * (1 - erf(s / np.sqrt(2)))  # of the pixels, above the height of s
+    c = np.interp(share[::-1], (np.arange(h.size) + 0.5) / h.size, h)[::-1]
+
+    def bend(s, c):
+        found = []
+        for at in np.linspace(-2.9, 2.9, 291):
+            A = np.stack([np.ones(s.size), np.minimum(s - at, 0), np.maximum(s - at, 0)], axis=1)
+            slopes, rest = np.linalg.lstsq(A, c, rcond=None)[:2]
+            found.append((rest[0], at, slopes[1], slopes[2]))
+        return min(found)[1:]
+
+    at = bend(s, c)[0]
+    sides = np.flatnonzero(s < at), np.flatnonzero(s >= at)[::-1]  # outermost first
+    kept = np.sort(np.concatenate([v[round(0.02 * v.size) : round(0.9 * v.size)] for v in sides]))
+    at, dales, plateau = bend(s[kept], c[kept])
+    if dales < 1.2 * plateau:
+        return {}
+    return {"Spq": plateau, "Svq": dales, "Smq": 0.5 * (1 - erf(at / np.sqrt(2)))}
 
 
 def slopes(z, dx, dy):
@@ -257,7 +282,7 @@ def test_symbols_of_real_maps(corpus, name):
     surface = ms.read(corpus / "st" / name)
     z, steps = levelled(surface), (surface.dx, surface.dy)
     own = heights(z) | slopes(z, *steps) | lags(z, *steps) | {"Ssw": wavelength(z, *steps)}
-    own |= features(z, *steps)
+    own |= features(z, *steps) | two_lines(z - np.nanmean(z))
     path, names = str(corpus / "st" / name), ",".join(own)
     run = CliRunner().invoke(
         cli, ["measure", path, "--form", "plane", "--params", names, "--json"]

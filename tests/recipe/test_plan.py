@@ -77,8 +77,8 @@ def test_a_range_of_wavelengths(separated):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        (PLAN + '[[step]]\nop = "separate"\n', "after the step that separates"),
-        ('[[step]]\nop = "separate"\n' + PLAN + PLAN, "one plan_feedrates at most"),
+        (PLAN + '[[step]]\nop = "separate"\n', "keep one of it, after that step"),
+        ('[[step]]\nop = "separate"\n' + PLAN + PLAN, "keep one of it, after that step"),
         (
             '[[step]]\nop = "separate"\n' + PLAN.replace('"4800 mm/min"', "4800"),
             r":9: v_min.*unit",

@@ -342,6 +342,6 @@ def test_the_command_says_which_run_to_leave_out_where_one_alone_goes_back(tmp_p
     ended, text = command(capsys, file, "--shortest", "1.5 mm")
 
     assert ended == 4
-    assert "the reverse runs have 1 feedrate(s)" in text
+    assert "the reverse runs have 1 feedrate" in text
     assert "The forward runs have enough feedrates: --exclude M05 estimates them alone" in text
     assert command(capsys, file, "--shortest", "1.5 mm", "--exclude", "M05")[0] == 0

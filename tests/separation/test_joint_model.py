@@ -404,6 +404,34 @@ def test_a_wave_that_slips_repeats_by_nothing_to_as_much_as_it_slips(model):
     close(model.answer().mean, out[0][1])
 
 
+def test_what_is_not_known_of_the_spectrum_is_in_the_band_twice(model):
+    """By differences of the mean: as it scatters with the spectrum, and as the variance comes out too small."""
+    runs = model.runs
+    model = Model(Extension(0.0, 24.0, K), Spectrum(K))
+    model.spectrum.phi = model.spectrum.phi + math.log(3000.0)
+    model.take(runs)
+    post = model.solve()
+    found = model.answer()
+    found = found.covariance - found.plain
+    at, steps = model.spectrum.phi.copy(), 1e-4 * np.eye(model.spectrum.phi.size)
+
+    def mean(phi):
+        model.spectrum.phi = phi
+        return model.solve().theta
+
+    moved = np.column_stack([(mean(at + d) - mean(at - d)) / 2e-4 for d in steps])
+    model.spectrum.phi = at
+    known = 1.0 - np.diag(post.covariance())[1:].reshape(2, -1) / model.spectrum.variance
+    hats = model.spectrum.hats
+    information = hats.T @ (0.5 * np.sum(known**2, axis=0)[:, None] * hats)
+    spread = np.linalg.inv(information + model.spectrum.precision)
+    expected = 2.0 * moved @ spread @ moved.T
+
+    # central differences of 1e-4 in ln s^2 are good to 1e-8, the inverse to a ridge of 1e-9
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.diag(expected).max())
+    assert np.diag(expected).max() > 1e-4 * np.diag(post.covariance())[1:].max()
+
+
 def test_a_resonance_is_found():
     """A second-order process has its density, whatever the order."""
     rng = np.random.default_rng(5)

@@ -173,7 +173,8 @@ def test_from_runs_to_the_slide_at_the_command_line(tmp_path, capsys):
     assert not code, capsys.readouterr().err
     same = tmp_path / "same"
     by_function = ("--method", "straightedge_reversal", "--set", "u_drift=1 nm", "-o", str(same))
-    assert not command("separate", *results, *by_function), capsys.readouterr().err
+    folders = [str(tmp_path / name) for name in ("before_out", "after_out")]
+    assert not command("separate", *folders, *by_function), capsys.readouterr().err
     assert (same / "parts.csv").read_bytes() == (out / "parts.csv").read_bytes()
     assert document["polynomial"]["u_greatest_m"] > 0.0
     assert ErrorEstimate.from_dict(document["estimate"]).has_covariance

@@ -160,6 +160,7 @@ async function full() {
     tabs.reached(header);
   } catch (error) {
     if (!(error instanceof Superseded)) drawFull("", "full resolution failed");
+    if (error instanceof Refusal && tabs.chosen === "runs") return; // the runs say it where they are
     fail(error);
   }
 }

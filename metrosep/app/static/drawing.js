@@ -273,7 +273,7 @@ export function makeDrawing({ el, bar, list, session, edit, insert, shown, say, 
       draw();
     };
     const grip = makeHandle(el, {
-      label: `${current()?.name}, ${g.label}`, text: g.key === "move" ? "✥" : "",
+      label: `${current()?.name}, ${g.label}`, text: g.key === "move" ? "✥" : g.label.length === 1 ? g.label : "",
       moved: (x, y) => to(toMap(x, y)),
       stepped(dx, dy) {
         const table = draft ?? current()?.table ?? {};

@@ -56,6 +56,10 @@ export function withU(value, U, unit) {
   return [sure(v) + tail, si(U, unit, 2)];
 }
 
+/** The beginning of a long sentence, which is said in whole elsewhere. @param {string} text */
+const brief = (text) => (text.length > BRIEF ? text.replace(/^(.{20,}?)[:;] .*$/s, "$1") : text);
+const BRIEF = 120; // characters: three lines of the verdict
+
 /**
  * Return the table of metrics.
  * @param {HTMLElement} el
@@ -272,7 +276,8 @@ export function makeMetrics(el, verdictEl, edit) {
     const state = !found || found.is_preview ? null : VERDICTS[found.verdict];
     if (found?.failed) word.textContent = `No verdict: step ${found.failed.index + 1} failed`;
     else if (found?.refused) {
-      word.textContent = `No verdict: ${found.refused}`;
+      word.textContent = `No verdict: ${brief(found.refused)}`;
+      word.title = found.refused;
       if (found.mends?.length) word.append(mendButtons(found.mends, edit));
       word.style.fontSize = "12px";
     }

@@ -177,7 +177,8 @@ export function makeRelief(el, { table, lines, lit = () => {}, stretched = () =>
     frames += 1;
     canvas.dataset.frames = String(frames);
     canvas.dataset.angles = `${azimuth.toFixed(3)} ${elevation.toFixed(3)}`;
-    words.textContent = `z × ${si(factor(), "", 3).trim()}   P-V ${si(data.pv)}   ${data.size[0]} × ${data.size[1]} points`;
+    const times = data.unit === "px" ? "" : `z × ${si(factor(), "", 3).trim()}   `; // no length has a ratio to pixels
+    words.textContent = `${times}P-V ${si(data.pv)}   ${data.size[0]} × ${data.size[1]} points`;
   }
 
   /** The box around the map, with the numbers of its edges. */

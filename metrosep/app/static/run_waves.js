@@ -316,7 +316,8 @@ function evidence({ model, el }) {
     moving = taken ? moving : null;
     const now = one();
     grip.el.setAttribute("aria-label", now ? `Threshold ${now.key}` : "Threshold");
-    words.textContent = model.get("message") || (now ? "" : model.get("estimate") ? "this method has no threshold" : model.get("words") ?? "");
+    words.textContent = model.get("message") || (now ? "" : model.get("estimate") ? "this method has no threshold" : model.get("stale") || model.get("words") || "");
+    el.classList.toggle("bare", !now); // axes without numbers would say 1 m to 10 m
     el.classList.toggle("stale", Boolean(model.get("stale")) && Boolean(now));
     busy.textContent = now ? model.get("stale") ?? "" : "";
     const x = model.get("estimate")?.wavelength ?? [];

@@ -66,6 +66,8 @@ export function makeTabs(strip, entries, context) {
     chosen = id;
     context.shown({ tab: id });
     draw();
+    // of a narrow page one part is seen: that of what was chosen
+    if (matchMedia("(max-width: 699px)").matches) /** @type {HTMLElement | null} */ (document.querySelector("#parts [data-part=picture]"))?.click();
     made.get(id)?.show?.();
   }
 

@@ -112,8 +112,8 @@ def error_correction(
     move_x : bool, optional
         With `slope`: shift the tool along the normal, X as well as Z.
     nose : float, m, optional
-        Radius of the nose, where the path is that of its tip or centre: the error is looked up where the nose
-        touches `form`. 0 for a path of points of the surface.
+        Radius of the nose, where the path is that of its tip (its lowest point, under its centre; no imaginary
+        corner) or centre: the error is looked up where the nose touches `form`. 0 for points of the surface.
     form : Form, optional
         Nominal form about the spindle axis, needed with `nose`.
 
@@ -172,7 +172,8 @@ def error_correction(
                 "nose goes with form, the nominal form of the part, and not with slope"
             )
         touched = _touched(form, nose, c_sense if around else 0, c_zero if around else 0.0)
-        made = (_at(touched, made[0]), None if made[1] is None else _at(touched, made[1]))
+        own, held_at = made
+        made = (_at(touched, own), None if held_at is None else _at(touched, held_at, own))
 
     audit |= {
         "sign": "error e = actual - nominal; correction c = -e is added to Z",
@@ -193,14 +194,16 @@ def error_correction(
     return replace(correction, reach=_reach(error, middle))
 
 
-def _at(touched: Lookup, found: Lookup) -> Lookup:
-    """Return a lookup at the contact; where the form has none, a measured value is a gap."""
+def _at(touched: Lookup, found: Lookup, measured: Lookup | None = None) -> Lookup:
+    """Return a lookup at the contact; where the form has none, a measured value is a gap, a held one stays."""
 
     def at(x: FloatArray, c: FloatArray) -> FloatArray:
         place = touched(x, c)
         none = np.isnan(place)
-        values = np.asarray(found(np.where(none, x, place), c))
-        return np.where(none & np.isfinite(values), np.nan, values)
+        at_place = np.where(none, x, place)
+        values = np.asarray(found(at_place, c))
+        own = values if measured is None else np.asarray(measured(at_place, c))
+        return np.where(none & np.isfinite(own), np.nan, values)
 
     return at
 
@@ -217,6 +220,7 @@ def _touched(form: _Form, nose: float, c_sense: int, c_zero: float) -> Lookup:
         angle = c_sense * c + c_zero if c_sense else np.zeros(x.shape)
         step, place = _NOSE_STEP * nose, np.array(x)
         reached = np.isfinite(sine(place, angle))
+        off = np.zeros(x.shape)
         for _ in range(_NOSE_STEPS):
             low, high = sine(place - step, angle), sine(place + step, angle)
             rise = 1.0 - nose * (high - low) / (2.0 * step)

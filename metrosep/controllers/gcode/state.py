@@ -174,7 +174,6 @@ class ModalState:
     harmless_m: frozenset[int] = frozenset()
     g_system: str | None = None  # "A" or "B" of Fanuc lathes, or "mill"; None where nobody said
     ended: bool = False  # after M2 or M30
-    closed: bool = False  # after the second % of a tape, behind which anything may stand
     # whether tool-centre-point control is in force, so that words are places on the part; None where
     # it is refused (the part of a lathe)
     part: bool | None = None
@@ -201,9 +200,7 @@ class ModalState:
             return False
         words = [t for t in tokens if t.kind == "word"]
         if any(t.kind == "percent" for t in tokens):
-            self.ended = self.closed = (
-                self.begun
-            )  # the second % of a tape: what follows is not run
+            self.ended |= self.begun  # the second % of a tape: what follows is not carried out
             if self.ended:
                 return False
         self.begun |= any(t.kind not in ("space", "percent") for t in tokens)
@@ -231,15 +228,19 @@ class ModalState:
         return bool(axes) and self._move(axes, codes, line)
 
     def refuse_behind(self, block: str, line: int) -> None:
-        """Refuse a move behind the end of the program: it belongs to another one, which would stay as it is."""
+        """Refuse a move behind the end of the program: it belongs to another one, which would stay as it is.
+
+        Also behind a %: of a text without one at its top, a control may load what follows the first %.
+        """
         try:
-            tokens = () if self.closed else tokenize(block, line)
+            tokens = tokenize(block, line)
         except MetrosepError:
             return  # no block
-        self.closed |= any(t.kind == "percent" for t in tokens)
         move = next((t for t in tokens if t.kind == "word" and t.letter in _ALL_AXES), None)
-        if move is not None and not self.closed:
-            why = "it stands behind the end of the program (M2 or M30) and would not be corrected"
+        if move is not None:
+            why = (
+                "it stands behind the end of the program (M2, M30 or %) and would not be corrected"
+            )
             raise refuse_block(line, move.text, why, "make a file of each program of the text")
 
     def note(self, message: str, line: int) -> None:

@@ -47,8 +47,8 @@ from metrosep.io.text.dialect import (
     bare_unit,
     is_comment,
 )
+from metrosep.io.text.encoding import NO_READING
 from metrosep.io.text.times import is_moment
-from metrosep.io.text.words import NO_READING
 
 if TYPE_CHECKING:
     import sqlite3

@@ -304,7 +304,8 @@ class Words(Sequence[str]):
         return text in self.different
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return self.known.astype(dtype or np.str_)[self.codes]
+        texts: NDArray[Any] = self.known.astype(dtype or np.str_)[self.codes]
+        return texts
 
     @cached_property
     def different(self) -> tuple[str, ...]:

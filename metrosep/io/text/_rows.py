@@ -44,6 +44,7 @@ from metrosep.io.text.dialect import (
     n_used,
     refuse_long,
 )
+from metrosep.io.text.encoding import BEYOND, NO_READING
 from metrosep.io.text.lines import (
     Ledger,
     bad_field,
@@ -58,7 +59,6 @@ from metrosep.io.text.lines import (
     stray_text,
 )
 from metrosep.io.text.quality import changes_row
-from metrosep.io.text.words import BEYOND, NO_READING
 
 __all__ = [
     "DECIMAL_SHOWN",

@@ -17,6 +17,7 @@ from metrosep.io.declared import Match
 from metrosep.io.registry import BuiltIn, mismatch
 from metrosep.io.source import RawFile, rate_of, refuse_options
 from metrosep.io.text.dialect import is_number
+from metrosep.io.text.encoding import MISSING
 from metrosep.io.text.logger import (
     Channels,
     first_lines,
@@ -25,7 +26,6 @@ from metrosep.io.text.logger import (
     text_lines,
     to_number,
 )
-from metrosep.io.text.words import MISSING
 
 __all__ = ["camonitor", "pi_gcs_array"]
 

@@ -42,13 +42,12 @@ from metrosep.io.text.dialect import (
     split_header,
     unmeasured_rows,
 )
-from metrosep.io.text.encoding import head_text
+from metrosep.io.text.encoding import NO_READING, head_text
 from metrosep.io.text.lines import are_numbered_rows, are_rows_like_comments, is_rule, unframed
 from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
 from metrosep.io.text.table import Column, Table, TextTable, markers_in, read_table, text_of
 from metrosep.io.text.times import RunningClock, moments
-from metrosep.io.text.words import NO_READING
 
 __all__ = ["channels", "parquet", "read", "sniff", "sqlite", "worksheet"]
 

@@ -25,8 +25,8 @@ from metrosep.core.errors import (
 )
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit, column_unit, parse_unit
+from metrosep.io.text.encoding import NO_READING, ROLE_WORDS, Role, is_error_cell
 from metrosep.io.text.times import is_moment
-from metrosep.io.text.words import NO_READING, ROLE_WORDS, Role, is_error_cell
 
 if TYPE_CHECKING:
     from metrosep.io.source import RawFile

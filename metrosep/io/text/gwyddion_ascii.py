@@ -26,8 +26,8 @@ from metrosep.io.objects import (
 from metrosep.io.registry import mismatch
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import is_number
+from metrosep.io.text.encoding import MISSING
 from metrosep.io.text.logger import first_lines, number_block, numbered_rows, text_lines, to_number
-from metrosep.io.text.words import MISSING
 
 __all__ = ["channels", "read", "sniff"]
 

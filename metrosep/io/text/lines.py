@@ -13,7 +13,7 @@ import numpy as np
 from metrosep.core.errors import AmbiguousFormatError, CorruptFileError
 from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import NUMBER_LIKE, Layout, header_unit, is_comment, n_used
-from metrosep.io.text.words import NO_READING
+from metrosep.io.text.encoding import NO_READING, may_be_error_cell
 
 __all__ = [
     "Ledger",
@@ -211,6 +211,8 @@ def stray_text(
 
 def row_in_comment(fields: Sequence[str], layout: Layout) -> bool:
     """Whether the fields of a comment are those of a row, with a number where one belongs."""
+    if len(fields) == layout.n == 1 and may_be_error_cell(fields[0].strip()):
+        return True
     first = fields[0].strip().lstrip('#%!/; "')
     own = [first or (fields[0] if layout.labels[0] else ""), *fields[1:]]
     if not own[0] and (len(fields) > layout.n or layout.dialect.separator in {" ", ", "}):

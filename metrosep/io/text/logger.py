@@ -31,8 +31,7 @@ from metrosep.core.units import Unit, parse_unit
 from metrosep.io.objects import SI_NAMES
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.dialect import holds_counts, is_number
-from metrosep.io.text.encoding import decode
-from metrosep.io.text.words import MISSING
+from metrosep.io.text.encoding import MISSING, decode
 
 __all__ = [
     "Channels",

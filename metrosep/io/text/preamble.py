@@ -19,8 +19,8 @@ from metrosep.io.text.dialect import (
     n_used,
     split_header,
 )
+from metrosep.io.text.encoding import NO_READING, ROLE_WORDS
 from metrosep.io.text.lines import bad_field, is_drawn
-from metrosep.io.text.words import NO_READING, ROLE_WORDS
 
 __all__ = ["BEGUN", "Preamble", "names_a_number"]
 
@@ -109,13 +109,16 @@ _UNDERLINE = 5
 """Dashes in a row from which a line below the name of a single column is drawn: shorter ones are words."""
 
 
-def _unit_of(name: str) -> Unit | None:
-    """Return the unit that the name of a column declares; a column called Second counts them."""
-    unit = header_unit(name)[1]
-    if unit is None and (len(name) > len("s") + 1 or not name.isascii()):
+_COUNTING = frozenset({"first", "third", "1st", "2nd", "3rd"})
+"""Names beside which a column called Second is the second one."""
+
+
+def _seconds(name: str) -> Unit | None:
+    """Return the unit of a column that is called after it, such as Second."""
+    if len(name) > len("s") + 1 or not name.isascii():
         own = bare_unit(name)
         return own if own is not None and own.name == "s" else None
-    return unit
+    return None
 
 
 class Preamble:
@@ -389,7 +392,9 @@ class Preamble:
         for i, text in enumerate(self._as_written):
             if is_other_unit(text) and any(map(str.isalpha, text)):
                 names[i] = f"{names[i]} [{text.strip('[]()<> ')}]"
-        units = [_unit_of(n) if self.named else None for n in raw]
+        units = [header_unit(n)[1] for n in raw] if self.named else [None] * len(raw)
+        if self.named and not _COUNTING.intersection(n.strip().lower() for n in raw):
+            units = [u or _seconds(n) for n, u in zip(raw, units, strict=True)]
         for name, unit in zip(raw, units, strict=True):
             inner = header_unit(name)[0].strip()
             other = header_unit(inner)[1] if inner.endswith((")", "]")) else None

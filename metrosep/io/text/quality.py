@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.io.text._compiled import different
 from metrosep.io.text.dialect import bare_unit, is_other_unit
-from metrosep.io.text.words import BEYOND
+from metrosep.io.text.encoding import BEYOND
 
 if TYPE_CHECKING:
     from metrosep.io.source import RawFile

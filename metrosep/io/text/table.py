@@ -46,6 +46,8 @@ from metrosep.io.text.dialect import (
     unmeasured_rows,
 )
 from metrosep.io.text.encoding import (
+    BEYOND,
+    NO_READING,
     decode,
     encoding_of,
     encoding_of_head,
@@ -77,7 +79,6 @@ from metrosep.io.text.times import (
     may_be_minutes,
     moments,
 )
-from metrosep.io.text.words import BEYOND, NO_READING
 
 __all__ = [
     "AS_THEY_FOLLOW",

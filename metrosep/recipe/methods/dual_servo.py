@@ -208,7 +208,9 @@ def _check_together(rest: Mapping[str, Any]) -> None:
     for keys, other in _TOGETHER:
         lost = [k for k in keys if k in rest]
         if lost and other not in rest:
-            raise DataError(f"{lost[0]} belongs to {other}, which is not given")
+            raise DataError(
+                f"{lost[0]} belongs to {other}, which is not given; give it too, or leave {lost[0]} out"
+            )
     if "max_degree" in rest and isinstance(rest.get("degree"), int):
         raise DataError(
             f"max_degree bounds a search, but degree = {rest['degree']} is stated; give one of them"

@@ -247,7 +247,9 @@ def _curve(chain: Any, name: str, file: str) -> Any:
     kinds = chain.dimensions
     held = read_term_table(file, kinds)
     if name not in held:
-        raise DataError(f"{file}: holds {', '.join(held)}, not {name}")
+        raise DataError(
+            f"{file}: holds {', '.join(held)}, not {name}; name the file that holds it"
+        )
     return held[name][0]
 
 

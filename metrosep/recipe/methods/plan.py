@@ -58,7 +58,7 @@ def plan_after(estimate: ErrorEstimate, options: Mapping[str, Any]) -> Any:
     table = estimate.residual_psd
     if not len(table) or "psd_nm2_per_hz" not in table:
         raise NotSeparableError(
-            "this separation tells no density of the disturbance over time; separate with "
+            "this separation gives no density of the disturbance over time; separate with "
             'method = "joint", from runs with times'
         )
     low, high = estimate.fit_range

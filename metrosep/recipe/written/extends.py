@@ -191,7 +191,10 @@ def layers_of(text: str, name: str, folder: Path, admits: Admits | None = None) 
                 "extends",
             )
         if target.resolve() in seen:
-            raise place.error(f'extends = "{wanted}": it comes back to itself', "extends")
+            raise place.error(
+                f'extends = "{wanted}": the recipes extend one another in a circle; remove this key, or name another',
+                "extends",
+            )
         seen.add(target.resolve())
         place_of = target.parent
         text_there = _read(target, wanted, place).removesuffix("\n") + "\n"

@@ -113,8 +113,10 @@ class LaserSetup:
         said = []
         for name, value in self.options.items():
             dimension = KINDS[SETUP[name].kind].dimension
-            is_typed = dimension is not None and isinstance(value, float)
-            said.append(f"{name}={typed_number(value, dimension) if is_typed else value!r}")
+            if dimension is None or not isinstance(value, float):
+                said.append(f"{name}={value!r}")
+            else:
+                said.append(f"{name}={typed_number(value, dimension)!r}")
         text = ", ".join(said)
         return f"LaserSetup({text if len(text) <= _LINE else text[: _LINE - 3] + '...'})"
 

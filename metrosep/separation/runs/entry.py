@@ -28,7 +28,13 @@ from metrosep.separation.runs.base import (
 )
 from metrosep.separation.runs.design import evaluation_range, probe_names
 from metrosep.separation.runs.displaced import DISPLACED
-from metrosep.separation.runs.evidence import SURELY, lost_below, said_apart, said_lag
+from metrosep.separation.runs.evidence import (
+    SLOW_SAID,
+    SURELY,
+    lost_below,
+    said_apart,
+    said_lag,
+)
 from metrosep.separation.runs.forensics import Named, RunChecks, check_runs
 from metrosep.separation.runs.fourier import separate_kono
 from metrosep.separation.runs.joint import DRIFT_SAID, GAIN_SAID, separate_joint
@@ -203,6 +209,13 @@ def separate_runs(
         d: [n for n, r in zip(names, runs, strict=True) if r.direction == d]
         for d in runs.directions
     }
+    odd = [
+        bool(f)
+        for f, u in zip(checks.columns["finding"], checks.columns["used"], strict=True)
+        if u
+    ]
+    ways = {d: [o for o, r in zip(odd, runs, strict=True) if r.direction == d] for d in told}
+    named = {d: [i for i, o in enumerate(own) if o] for d, own in ways.items()}
     try:
         common = _common_range(runs, method, start, length, options)
         options = _plain_options(options)
@@ -214,7 +227,9 @@ def separate_runs(
                 common[0],
                 shortest,
                 lag,
-                options | ({"probes": told[d]} if any(names) else {}),
+                options
+                | ({"probes": told[d]} if any(names) else {})
+                | ({"named": named[d]} if method == "joint" and named[d] else {}),
             )
             for d in runs.directions
         }
@@ -338,9 +353,11 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
 
 
 def _causes(messages: tuple[str, ...], *, sound: bool) -> list[str]:
-    """Return the messages less those of a drift that another fault, named already, makes look so."""
+    """Return the messages less those of a drift or slow noise that a fault, named already, looks like."""
     other = not sound or any(GAIN_SAID in m for m in messages)
-    return [m for m in messages if not (other and DRIFT_SAID in m)]
+    return [
+        m for m in messages if not ((other and DRIFT_SAID in m) or (not sound and SLOW_SAID in m))
+    ]
 
 
 def _with_scores(

@@ -728,6 +728,9 @@ def explain_slip(solution: Solution, *, sparse: bool, placed: bool) -> tuple[str
     return tuple(sentences)
 
 
+SLOW_SAID = "too slow for a run to show"
+"""What is said of noise slower than the runs: `separate` looks for it."""
+
 _PRIOR_RATIO = 3.0
 """The band is mostly that of the prior where it is so many times what the noise leaves."""
 
@@ -752,7 +755,7 @@ def explain_band(solution: Solution, *, band: float, plain: float) -> tuple[str,
         shares.append(float(density[frequency < lowest].sum() / density.sum()))
     if max(shares) > _SLOW_SHARE:
         sentences.append(
-            f"{100 * max(shares):.0f} % of the noise lies below {lowest:.2g} Hz, too slow for a run to show: "
+            f"{100 * max(shares):.0f} % of the noise lies below {lowest:.2g} Hz, {SLOW_SAID}: "
             "the uncertainty rests on an extrapolation and may be too small by half; take longer or "
             "slower runs"
         )

@@ -127,8 +127,12 @@ def separate_joint(
     slip: Literal["geometry", "sparse"] = "geometry",
     position_offsets: bool = False,
     position_reference: str = "",
+    named: Sequence[int] = (),
 ) -> ErrorEstimate:
-    """Return the repeatable error of one direction by joint least squares; options: `RUN_OPTIONS`."""
+    """Return the repeatable error of one direction by joint least squares; options: `RUN_OPTIONS`.
+
+    `named` are the runs in which a check has found a fault.
+    """
     share = "a share between 0 and 1, such as 0.05 for 5 %"
     if not 0.0 < real(false_discovery_rate, "false_discovery_rate", what=share) < 1.0:
         raise DataError(
@@ -188,6 +192,7 @@ def separate_joint(
         options=options,
         several_feeds=n_feeds > 1 and not options.position_offsets,
         set_up_anew=parts,
+        named=named,
     )
     solution, prepared, offsets = _at_their_places(prepared, solve, options)
     terms, sentences = report_terms(solution, prepared, runs, options)
@@ -211,7 +216,9 @@ def separate_joint(
             n_selected=n_selected,
         ),
         *explain_lag(solution, mode=mode, n_selected=n_selected),
-        *explain_disturbances(solution, runs, spectrum, _by_noise(prepared, solution)),
+        *explain_disturbances(
+            solution, runs, spectrum, _by_noise(prepared, solution, solution.bridged)
+        ),
         *explain_slip(solution, sparse=slip == "sparse", placed=options.position_offsets),
         *explain_displacement(solution),
         *explain_positions(
@@ -320,7 +327,7 @@ def _check_feeds(runs: RunSet, *, min_feeds: int, fit_lag: bool) -> None:
     if len(feeds) < min_feeds:
         raise (
             NotSeparableError(
-                f"the {way} runs have {len(feeds)} feedrate(s) ({have}), the separation needs {min_feeds}: a "
+                f"the {way} runs have {len(feeds)} feedrate{'' if len(feeds) == 1 else 's'} ({have}), the separation needs {min_feeds}: a "
                 "vibration and a geometric error of the same wavelength look alike at one feedrate; "
                 "add runs at another feedrate, or accept averaging with method='mean' or min_feeds=1"
             )
@@ -647,21 +654,26 @@ def _under_a_line(solution: Solution, runs: RunSet, wavelength: FloatArray) -> d
     return taken
 
 
-def _by_noise(runs: Sequence[PreparedRun], solution: Solution) -> list[list[FloatArray]]:
-    """Return the residuals of the runs of each noise model, rejected samples bridged."""
+def _by_noise(
+    runs: Sequence[PreparedRun], solution: Solution, records: Sequence[FloatArray]
+) -> list[list[FloatArray]]:
+    """Return the records of the runs of each noise model."""
     out: list[list[FloatArray]] = [[] for _ in solution.noise]
     steps = np.array([m.time_step for m in solution.noise])
-    for run, record in zip(runs, solution.bridged, strict=True):
+    for run, record in zip(runs, records, strict=True):
         out[int(np.argmin(np.abs(steps - run.time_step)))].append(record)
     return out
 
 
 def residual_psd_columns(runs: list[PreparedRun], solution: Solution) -> dict[str, list[Any]]:
-    """Return the spectrum of the residual at the sampling interval that most samples have."""
-    groups = _by_noise(runs, solution)
+    """Return the spectrum of the noise at the sampling interval that most samples have.
+
+    Of draws, since the geometry takes its share of the residual: of R runs 1/R of the noise.
+    """
+    groups = _by_noise(runs, solution, solution.noise_draws)
     group = int(np.argmax([sum(r.size for r in own) for own in groups]))
     model = solution.noise[group]
-    records = groups[group]
+    records = [record for draws in groups[group] for record in draws.T]
     size = _unbroken_segment(records)
     if size < _SHORTEST_SEGMENT:  # an estimate must not fail for want of a picture
         return {"frequency_hz": [], "psd_nm2_per_hz": [], "model_nm2_per_hz": []}

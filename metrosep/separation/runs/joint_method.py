@@ -149,7 +149,7 @@ class JointSeparation(SeparationMethod):
             feeds = runs.select(direction=sign).feeds
             if len(feeds) < least:
                 raise NotSeparableError(
-                    f"{self.name}: the {way} runs have {len(feeds)} feedrate(s), {least} are needed:"
+                    f"{self.name}: the {way} runs have {len(feeds)} feedrate{'' if len(feeds) == 1 else 's'}, {least} are needed:"
                     " a vibration and an error of the same wavelength look alike at one feedrate; "
                     "add runs at another, or accept averaging with min_feeds=1"
                 )

@@ -108,7 +108,9 @@ class Displacement:
         return float(chances @ variances)
 
 
-def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
+def displacement(
+    model: Model, scores: Sequence[RunScore], named: Sequence[int] = ()
+) -> Displacement:
     """Return the displacement of the runs that their scatter at equal feedrates shows.
 
     A lag moves all runs of a feedrate alike, so it has no part in it. The mean place at each
@@ -116,8 +118,9 @@ def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
     """
     if not scores:
         return Displacement()
-    # One run that is far off, or of another sign or gain, is named for it: its place is no scatter of all.
+    # A run that is far off, or of another sign or gain, is named for it: its place is no scatter of all.
     kept = np.ones(len(scores), dtype=bool)
+    kept[list(_apart(model, named))] = False
     odd = suspicion(scores)
     if odd is not None:
         kept[odd[0]] = False
@@ -189,8 +192,8 @@ def _sizes(groups: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
     return np.asarray(_LEAST * 10.0 ** (np.arange(steps + 1) / _PER_DECADE))
 
 
-def run_scores(model: Model) -> list[RunScore]:
-    """Return the score of each run against all others; none for fewer than 3 runs.
+def run_scores(model: Model, named: Sequence[int] = ()) -> list[RunScore]:
+    """Return the score of each run against all others that are not named; none for fewer than 3 runs.
 
     A lag that the readings show and the model has not is removed first: it moves the runs of
     each feedrate, and none of them is to blame.
@@ -199,25 +202,44 @@ def run_scores(model: Model) -> list[RunScore]:
         return []
     at = lag_score(model)
     if at is None or (at.lag / at.u) ** 2 <= LAG_CHI2:
-        return _scores(model)
+        return _scores(model, named)
     state = model.state()
     lag_steps(model)
-    scores = _scores(model)
+    scores = _scores(model, named)
     model.back_to(state)
     model.solve()
     return scores
 
 
-def _scores(model: Model) -> list[RunScore]:
-    """Return the scores; the farthest run, where it may be odd, does not predict the others."""
-    scores = [_score(model, run) for run in model.seen]
-    far = int(np.argmax([s.chi2 for s in scores]))
-    if scores[far].chi2 < _MAY_BE_ODD or len(scores) < 4:
+_PREDICT = 3
+"""Runs that are in order from which those that are named, or look odd, do not predict the others."""
+
+
+def _apart(model: Model, named: Sequence[int]) -> Sequence[int]:
+    """Return the named runs, unless they leave too few others."""
+    return named if len(model.runs) - len(named) >= _PREDICT else ()
+
+
+def _scores(model: Model, named: Sequence[int]) -> list[RunScore]:
+    """Return the scores; named runs, and the farthest one where it may be odd, do not predict the others."""
+    odd = list(_apart(model, named))
+    scores = _scores_without(model, odd)
+    far = max(set(range(len(scores))) - set(odd), key=lambda i: scores[i].chi2)
+    if scores[far].chi2 < _MAY_BE_ODD or len(scores) - len(odd) <= _PREDICT:
         return scores
-    without = model.seen[far]
+    return _scores_without(model, [*odd, far], scores[far])
+
+
+def _scores_without(
+    model: Model, odd: Sequence[int], last: RunScore | None = None
+) -> list[RunScore]:
+    """Return the score of each run against all others but the odd ones; of the last of these if known."""
+    seen = model.seen
     return [
-        s if i == far else _score(model, run, without)
-        for i, (s, run) in enumerate(zip(scores, model.seen, strict=True))
+        last
+        if last is not None and i == odd[-1]
+        else _score(model, run, [seen[j] for j in odd if j != i])
+        for i, run in enumerate(seen)
     ]
 
 
@@ -273,11 +295,11 @@ def _needed(values: FloatArray, index: int) -> float:
     return float(max(_SURE, t.isf(_FAR_OFF, freedom) * math.sqrt(variance)) * values[index, 1])
 
 
-def _score(model: Model, run: RunEquations, without: RunEquations | None = None) -> RunScore:
+def _score(model: Model, run: RunEquations, without: Sequence[RunEquations]) -> RunScore:
     gram, right = run.gram, run.right
     left = (model.total[0] - gram, model.total[1] - right)
-    if without is not None:
-        left = (left[0] - without.gram, left[1] - without.right)
+    for other in without:
+        left = (left[0] - other.gram, left[1] - other.right)
     rest = model.solution(*left)
     curve = rest.theta.copy()
     curve[0] = 0.0  # the line is alignment: neither gain nor shift show in it

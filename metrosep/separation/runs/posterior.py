@@ -528,7 +528,9 @@ class Model:
             means.append(post.theta)
             plains.append(self.covariance(post))
             change = self.spread_of_spectrum(post)
-            covariances.append(plains[-1] + change @ change.T)
+            # Twice: a spectrum that is learnt of the readings leaves them, on average, a variance that
+            # is too small by the same again (Prasad, Rao 1990).
+            covariances.append(plains[-1] + 2.0 * change @ change.T)
         self.repeats = shares[-1]
         chances = np.exp(np.array(logs) - max(logs))
         total = float(chances.sum())

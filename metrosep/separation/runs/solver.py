@@ -97,8 +97,9 @@ def solve_joint(
     options: JointOptions | None = None,
     several_feeds: bool = True,
     set_up_anew: bool = False,
+    named: Sequence[int] = (),
 ) -> Solution:
-    """Estimate geometry, noise, sensor and slip from all runs together (3.3)."""
+    """Estimate geometry, noise, sensor and slip from all runs together (3.3); the named ones are odd."""
     options = options or JointOptions()
     with one_blas_thread():
         terms = Terms(
@@ -147,9 +148,11 @@ def solve_joint(
                 sensor_room.better_split(model)
             if model.slip.any():
                 learn_slip(model, 8)
-        scores = run_scores(model)
+        scores = run_scores(model, named)
         # Places that are fitted count once, by what was fitted.
-        displaced = Displacement() if options.position_offsets else displacement(model, scores)
+        displaced = (
+            Displacement() if options.position_offsets else displacement(model, scores, named)
+        )
         model.lag_variances = displaced.lags
         unpredicted = [system.rest(i, model, s.theta) for i, s in enumerate(scores)]
         model.kept = n_harmonics
@@ -263,6 +266,8 @@ class Solution:
     # of ndarray, m: residuals, rejected samples replaced by what the noise model expects there:
     # for spectra
     bridged: Sequence[FloatArray] = ()
+    # of ndarray, shape (n, draws), m: draws of the noise, which hold what the geometry took of it
+    noise_draws: Sequence[FloatArray] = ()
     # shape (1 + 2 K, 1 + 2 K): `covariance` without the share of the prior's spread
     plain_covariance: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     waves: Sequence[FoundWave] = ()  # of free wavelength, that the coefficients hold; in m
@@ -435,6 +440,7 @@ def make_solution(
         probe_differences=differences,
         lag_test=lag_test,
         bridged=_bridged(system, residuals),
+        noise_draws=_noise_draws(system, model, residuals),
         plain_covariance=(answer.plain * units[:, None] * units)[:n, :n],
         waves=[w.in_units(system.scale) for w in found_waves(model)],
         slip={
@@ -487,6 +493,12 @@ def _freedom(model: Model, post: Posterior) -> float:
     """Return the effective number of parameters."""
     spread = post.spread
     return len(model.runs) + float(np.sum(1.0 - model.precision() * spread))
+
+
+def _noise_draws(system: System, model: Model, residuals: list[FloatArray]) -> list[FloatArray]:
+    """Return draws of the noise of every run (11), rejected samples as in `_bridged`."""
+    more = zip(system.draws(model), _bridged(system, residuals), residuals, strict=True)
+    return [d * system.scale + (b - r)[:, None] for d, b, r in more]
 
 
 def _bridged(system: System, residuals: list[FloatArray]) -> list[FloatArray]:
