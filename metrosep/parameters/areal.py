@@ -211,7 +211,10 @@ def areal_parameters(
         n_total=surface.z.size,
         history=surface.history,
         settings=settings,
-        notes=(*_notes(surface), *_filled_notes(work, {q.symbol.partition("(")[0] for q in quantities})),
+        notes=(
+            *_notes(surface),
+            *_filled_notes(work, {q.symbol.partition("(")[0] for q in quantities}),
+        ),
     )
     return ArealParameterTable(quantities, context, unavailable=unavailable)
 
