@@ -163,7 +163,7 @@ class Dialect(ABC):
         return table_lookup(self.decode(data, path, **options))
 
     def facts(self, data: bytes, path: Path, **options: Any) -> dict[str, Any]:
-        """Return what a file states of its machine; here nothing."""
+        """Return what a file says of its machine; here nothing."""
         return {}
 
     def limits(self, **machine: Any) -> Limits:
@@ -307,17 +307,19 @@ def identity(
     reference = table.get("reference_m", first)
     if not isinstance(axis, str):
         raise _not_ours(path, "axis", "a name", axis)
-    stated = "reference_m" in table or first is not None
-    if stated and (
-        isinstance(reference, bool)
-        or not isinstance(reference, int | float)
-        or not abs(reference) < _FARTHEST
-    ):
-        raise _not_ours(path, "reference_m", "a position in m", reference)
+    held: dict[str, Any] = {}
+    if "reference_m" in table or first is not None:
+        if (
+            isinstance(reference, bool)
+            or not isinstance(reference, int | float)
+            or not abs(reference) < _FARTHEST
+        ):
+            raise _not_ours(path, "reference_m", "a position in m", reference)
+        held["reference"] = float(reference)
     return {
         "axis": axis,
         "compensates": str(table.get("compensates", axis)),
-        **({"reference": float(reference)} if stated else {}),
+        **held,
         "removed": "line" if table.get("not_in_table") == "line" else "offset",
     }
 

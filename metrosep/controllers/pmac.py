@@ -575,6 +575,11 @@ class OneMotor(Dialect):
         axes = named_axes(path, program, float(columns["positions"][0]), known["axes"])
         return read_table(**columns, **axes)
 
+    def facts(self, data: bytes, path: Path, **options: Any) -> dict[str, Any]:
+        """Return what a file says of its machine."""
+        _, _, known, program = self._read(data, path, options)
+        return {**known, **named_axes(path, program, 0.0, known["axes"])}
+
 
 class PMAC(OneMotor):
     """Writer and reader of tables over one motor; see the module."""
@@ -682,11 +687,6 @@ class PMAC(OneMotor):
             return np.asarray(known["target_sign"] * np.interp(u, np.arange(n + 1), nodes))
 
         return one_way(at)
-
-    def facts(self, data: bytes, path: Path, **options: Any) -> dict[str, Any]:
-        """Return what a file says of its machine."""
-        _, _, known, program = self._read(data, path, options)
-        return {**known, **named_axes(path, program, 0.0, known["axes"])}
 
     def _read(
         self, data: bytes, path: Path, options: Mapping[str, Any]

@@ -42,7 +42,7 @@ CHECKS = {
     "points": "no more entries than the controller takes",
     "stroke": "the corrections stay within the actuator",
     "turning-back": "the corrected command of an axis still rises",
-    "steepness": "corrections above 100 um rise no faster than errors of an axis do: mostly a wrong unit",
+    "steepness": "corrections above 100 um are not steeper than errors of an axis, else a unit is wrong",
     "velocity": "the corrected axis can follow at the feed",
     "acceleration": "the corrected axis can follow at the feed",
     "reversal": "the step at a reversal is allowed",

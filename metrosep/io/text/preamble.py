@@ -392,7 +392,7 @@ class Preamble:
         for i, text in enumerate(self._as_written):
             if is_other_unit(text) and any(map(str.isalpha, text)):
                 names[i] = f"{names[i]} [{text.strip('[]()<> ')}]"
-        units = [header_unit(n)[1] for n in raw] if self.named else [None] * len(raw)
+        units: list[Unit | None] = [header_unit(n)[1] if self.named else None for n in raw]
         if self.named and not _COUNTING.intersection(n.strip().lower() for n in raw):
             units = [u or _seconds(n) for n, u in zip(raw, units, strict=True)]
         for name, unit in zip(raw, units, strict=True):
