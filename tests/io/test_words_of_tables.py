@@ -299,10 +299,13 @@ def test_a_western_unit_speaks_against_two_bytes_for_a_word(put, remark, unit):
 
 
 @pytest.mark.parametrize("end", ["", "\t"])
-@pytest.mark.parametrize("names", [("x [mm]", "z [um]"), ("Weg_mm", "Höhe_um")])
+@pytest.mark.parametrize(
+    "names", [("x [mm]", "z [um]"), ("Weg_mm", "Höhe_um"), ("x_mm", "z_um", "Note")]
+)
 def test_names_that_are_set_in_by_a_tab_are_those_of_their_columns(put, names, end):
-    rows_of_both = [f"{x}\t{z}" for x, z in zip(X, Z, strict=True)]
-    found = ms.read(put("\n".join(["\t" + "\t".join(names) + end, *rows_of_both, ""])))
+    note = "\tno" if len(names) > 2 else ""
+    rows_of_all = [f"{x}\t{z}{note}" for x, z in zip(X, Z, strict=True)]
+    found = ms.read(put("\n".join(["\t" + "\t".join(names) + end, *rows_of_all, ""])))
 
     np.testing.assert_allclose(found.x, [1e-3 * v for v in X], rtol=0.0, atol=TIGHT)
     np.testing.assert_allclose(found.z, [1e-6 * v for v in Z], rtol=0.0, atol=TIGHT)
@@ -312,12 +315,12 @@ def test_names_that_are_set_in_by_a_tab_are_those_of_their_columns(put, names, e
 @pytest.mark.parametrize("names", [("x [mm]", "z [um]", "remark"), ("z_um", "remark")])
 def test_names_that_fit_with_and_without_the_first_column_are_refused(put, mark, names):
     """Either the row number has no name and no row has a remark, or the names are set in: heights would be places."""
-    row = lambda x, z: mark.join(map(str, (x, z, x)[: len(names)]))  # noqa: E731
-    text = "\n".join(
-        [mark + mark.join(names), *(row(x, z) for x, z in zip(X, Z, strict=True)), ""]
-    )
+    rows_of_all = [
+        mark.join(map(str, (k, x, z)[: len(names)]))
+        for k, (x, z) in enumerate(zip(X, Z, strict=True))
+    ]
     with pytest.raises(ms.errors.MetrosepError, match="line 1"):
-        ms.read(put(text))
+        ms.read(put("\n".join([mark + mark.join(names), *rows_of_all, ""])))
 
 
 def test_a_row_of_units_says_more_than_a_name(put):
