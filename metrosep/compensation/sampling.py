@@ -61,7 +61,7 @@ Direction = Literal["auto", "both", "split", "forward", "reverse"]
 _DENSE = 20
 """Positions between two entries at which the interpolation error is looked for."""
 
-_COARSE = 0.1
+_SHORT = 0.05
 """Share of an error that may be missed without a word."""
 _TURN = 2.0 * math.pi
 _CLOSED = math.radians(1e-6)
@@ -314,7 +314,7 @@ def spaced_with_zero(error: ErrorSource, text: str, axis: str, zero: float) -> F
 
 
 def beyond_entries(error: ErrorSource, sampled: SampledError, axis: str) -> str:
-    """Return how much of a known error the entries do not reach, where it is a tenth of it or more."""
+    """Return how much of a known error the entries do not reach, where it is a twentieth of it or more."""
     span, p = _range(error), sampled.positions
     if span is None or not p.size:
         return ""
@@ -326,7 +326,7 @@ def beyond_entries(error: ErrorSource, sampled: SampledError, axis: str) -> str:
         for x, at in zip(left, (-1, 0), strict=True)
     )
     whole = max(float(np.ptp(f(np.linspace(*span, 257)))) for f in columns)
-    if missed < _COARSE * whole:
+    if missed < _SHORT * whole:
         return ""
     known, reached = (ends_along(axis, *ends) for ends in (span, p[[0, -1]].tolist()))
     return (

@@ -296,3 +296,37 @@ def test_a_western_unit_speaks_against_two_bytes_for_a_word(put, remark, unit):
     _, found = read_table(open_file(path)).columns
 
     assert found.name == f"z [{unit}]"
+
+
+@pytest.mark.parametrize("end", ["", "\t"])
+@pytest.mark.parametrize(
+    "names", [("x [mm]", "z [um]"), ("Weg_mm", "Höhe_um"), ("x_mm", "z_um", "Note")]
+)
+def test_names_that_are_set_in_by_a_tab_are_those_of_their_columns(put, names, end):
+    note = "\tno" if len(names) > 2 else ""
+    rows_of_all = [f"{x}\t{z}{note}" for x, z in zip(X, Z, strict=True)]
+    found = ms.read(put("\n".join(["\t" + "\t".join(names) + end, *rows_of_all, ""])))
+
+    np.testing.assert_allclose(found.x, [1e-3 * v for v in X], rtol=0.0, atol=TIGHT)
+    np.testing.assert_allclose(found.z, [1e-6 * v for v in Z], rtol=0.0, atol=TIGHT)
+
+
+@pytest.mark.parametrize("mark", ["\t", ";", "|"])
+@pytest.mark.parametrize("names", [("x [mm]", "z [um]", "remark"), ("z_um", "remark")])
+def test_names_that_fit_with_and_without_the_first_column_are_refused(put, mark, names):
+    """Either the row number has no name and no row has a remark, or the names are set in: heights would be places."""
+    rows_of_all = [
+        mark.join(map(str, (k, x, z)[: len(names)]))
+        for k, (x, z) in enumerate(zip(X, Z, strict=True))
+    ]
+    with pytest.raises(ms.errors.MetrosepError, match="line 1"):
+        ms.read(put("\n".join([mark + mark.join(names), *rows_of_all, ""])))
+
+
+def test_a_row_of_units_says_more_than_a_name(put):
+    """The second of two probes, and a clock whose program writes what it counts below its name."""
+    rows_of_three = [f"{x};{x / 2};{z}" for x, z in zip(X, Z, strict=True)]
+    path = put("\n".join(["Weg;Second;Seconds", "mm;um;ms", *rows_of_three, ""]))
+    units = [c.unit.name for c in read_table(open_file(path)).columns]
+
+    assert units == ["mm", "um", "ms"]

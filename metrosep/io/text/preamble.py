@@ -266,6 +266,13 @@ class Preamble:
         named = self._n < n <= self._most or n == self._usual < self._n
         own = self._dialect.split([line])[0]
         lacking = n > self._most and not any(map(_is_measured, own[self._n :]))
+        if (
+            n == self._n + 1 > self._most and not own[0].strip()
+        ):  # as many names as the rows have fields
+            if lacking and (mark != "\t" or self._is_counted):
+                return None  # a column without a name, and one without values; or names set in
+            if mark == "\t":
+                line, n, lacking = line.strip(), self._n, False
         if mark == ",":  # which may stand within a name
             lacking &= all(header_unit(f)[1] for f in own[: self._n])
         if mark not in {" ", ", "} and (named or lacking):
@@ -393,8 +400,6 @@ class Preamble:
             if is_other_unit(text) and any(map(str.isalpha, text)):
                 names[i] = f"{names[i]} [{text.strip('[]()<> ')}]"
         units: list[Unit | None] = [header_unit(n)[1] if self.named else None for n in raw]
-        if self.named and not _COUNTING.intersection(n.strip().lower() for n in raw):
-            units = [u or _seconds(n) for n, u in zip(raw, units, strict=True)]
         for name, unit in zip(raw, units, strict=True):
             inner = header_unit(name)[0].strip()
             other = header_unit(inner)[1] if inner.endswith((")", "]")) else None
@@ -413,6 +418,8 @@ class Preamble:
                     f"{unit.name} by the row of units; correct the header{self._or_without_units()}"
                 )
             units[i] = own or unit
+        if self.named and not _COUNTING.intersection(n.strip().lower() for n in raw):
+            units = [u or _seconds(n) for n, u in zip(raw, units, strict=True)]
         return tuple(names), tuple(units)
 
     def _or_without_units(self) -> str:
