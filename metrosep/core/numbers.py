@@ -20,7 +20,7 @@ from metrosep.core.errors import OptionError, OptionRangeError, UnitError
 from metrosep.core.units import parse_quantity
 
 __all__ = [
-    "between", "choice", "count", "flag", "is_real", "not_negative", "positive", "quantity", "real", "steps_of",
+    "LEAST", "between", "choice", "count", "flag", "is_real", "not_negative", "positive", "quantity", "real", "steps_of",
     "unit_of", "without_rounding",
 ]  # fmt: skip
 
@@ -38,6 +38,8 @@ _LONGEST = 80
 """Characters of a value in a message."""
 
 
+LEAST = 1e-60
+"""m: heights below it are nothing, as what a form leaves of zeros (1e-120)."""
 _ROUNDING = 32.0 * np.finfo(np.float64).eps
 """Of a size: what a sum or two of floats of that size lose, which would be read as digits."""
 

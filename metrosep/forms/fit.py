@@ -16,7 +16,7 @@ import numpy as np
 from metrosep.core._arrays import CheckedArray, FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError
-from metrosep.core.numbers import choice, without_rounding
+from metrosep.core.numbers import LEAST, choice, without_rounding
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
@@ -261,9 +261,10 @@ def _left(answer: Answer, z: FloatArray) -> tuple[FloatArray, float]:
     """Return what the form leaves and its RMS: zeros where that is rounding of the heights."""
     residual, rms = answer.residual, float(np.sqrt(answer.squares / answer.n))
     size = max(abs(float(of.reduce(z, axis=None))) for of in (np.fmin, np.fmax))
-    if without_rounding(rms, size) == 0.0 or size == 0.0:
+    size = max(size, LEAST)  # what a form leaves of zeros is 1e-120
+    if without_rounding(rms, size) == 0.0:
         most = max(abs(float(of.reduce(residual, axis=None))) for of in (np.fmin, np.fmax))
-        if without_rounding(most, size) == 0.0 or size == 0.0:
+        if without_rounding(most, size) == 0.0:
             return np.where(np.isnan(residual), np.nan, 0.0), 0.0
     return residual, rms
 

@@ -456,7 +456,10 @@ def _filtered(
             )
     if upr is not None and upr_low is not None and not upr_low < upr:
         raise DataError(f"upr_low = {upr_low:g} must be smaller than upr = {upr:g}")
-    trace = Profile(_TURN / n * np.arange(n), local[:n])
+    one = local[:n].copy()
+    if closed:  # one place that was read twice, as in least squares
+        one[0] = 0.5 * (local[0] + local[-1])
+    trace = Profile(_TURN / n * np.arange(n), one)
 
     def slow(cutoff: float) -> FloatArray:
         return np.asarray(gaussian(trace, upr=cutoff, end="closed").z)

@@ -27,6 +27,7 @@ from metrosep.core.errors import (
     NameNotFoundError,
     TooFewSamplesError,
 )
+from metrosep.core.numbers import LEAST
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.public import PublicObject, shortened
@@ -466,8 +467,8 @@ def value_of(evaluate: Evaluate, obj: Profile | Surface, *, centre: bool | None 
 
 # ---- private: refuse heights whose powers leave double precision -------------------------------
 
-LEAST, LARGEST = 1e-60, 1e60
-"""Limits in m; the fourth power of 1e-77 is 0 and that of 1e77 infinite, and heights vary."""
+LARGEST = 1e60
+"""m, as `LEAST`; the fourth power of 1e-77 is 0 and that of 1e77 infinite, and heights vary."""
 
 
 def check_range(low: float, high: float) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core.errors import InvalidSamplesError, MetrosepError
-from metrosep.core.numbers import without_rounding
+from metrosep.core.numbers import LEAST, without_rounding
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
@@ -455,8 +455,6 @@ def _form(obj: Measured, options: Mapping[str, Any], *, with_u: bool = True) -> 
 
 def _sizes(obj: Measured) -> dict[str, float]:
     """Return of a height, an inclination and a curvature what the largest height makes of them, by unit."""
-    from metrosep.parameters.table import LEAST
-
     size = max(abs(float(of.reduce(obj.z, axis=None))) for of in (np.fmin, np.fmax))
     size = max(size, LEAST)  # a form of zeros has parameters of 1e-120
     if isinstance(obj, Profile):

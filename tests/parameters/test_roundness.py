@@ -358,6 +358,26 @@ def test_a_repeated_end_does_not_count_twice(g9, reference):
     assert any("one turn after" in note for note in result.notes)
 
 
+def test_a_filter_takes_the_mean_of_a_place_that_was_read_twice():
+    """A trace that does not close, through a filter of our own: what its first or its last reading holds counts alike."""
+    n, upr, error = 720, 50.0, 4e-6
+    angle = 2.0 * np.pi * np.arange(n + 1) / n
+    wave = 1e-6 * np.cos(3.0 * angle)
+    found = []
+    for at in (0, n):
+        z = wave.copy()
+        z[at] += error
+        found.append(roundness_deviation(Profile(angle, z), reference="LS", upr=upr).value)
+
+    z = wave[:n] + np.where(np.arange(n) == 0, error / 2.0, 0.0)
+    order = np.arange(n // 2 + 1)
+    kept = np.fft.rfft(z) * 2.0 ** -((order / upr) ** 2)
+    kept[:2] = 0.0  # centre and radius
+    expected = np.ptp(np.fft.irfft(kept, n))
+    assert found[0] == pytest.approx(found[1], abs=1e-6 * error)
+    assert found[1] == pytest.approx(expected, abs=1e-3 * error)  # LS circle of the filtered ends
+
+
 def test_a_step_at_the_seam_is_not_hidden():
     z = np.zeros(37)
     z[-1] = 1e-6

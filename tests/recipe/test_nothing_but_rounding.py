@@ -69,3 +69,17 @@ def test_what_is_small_and_real_stays(tmp_path, command_line, size):
 
     assert found["Sq"] == pytest.approx(size, abs=0.05 * size)
     assert found["Ssk"] != 0.0
+
+
+def test_a_sphere_that_is_held_leaves_its_sag_of_a_map_of_zeros(tmp_path, command_line):
+    """R = 1 m over 79 by 118 um: the sag from centre to corner in closed form, of heights that are all 0."""
+    held = 'sphere: R=1 m"\nfree = ["piston", "tilt_x", "tilt_y"] #'
+    found, _ = evaluated(tmp_path, command_line, FLAT["zero"], held)
+
+    across = np.hypot(39.5e-6, 59e-6)
+    least = np.hypot(0.5e-6, 1e-6)  # of the four pixels about the middle
+    sag = (across**2 - least**2) / 2.0
+    assert found["residual.pv"] == pytest.approx(
+        sag, abs=1e-6 * sag
+    )  # beyond the parabola: r^2 / 4
+    assert found["PV"] == pytest.approx(sag, abs=1e-6 * sag)
