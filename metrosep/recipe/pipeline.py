@@ -577,7 +577,7 @@ def _parameters(obj: Measured, options: Mapping[str, Any]) -> Done:
     asked = usual_names(obj, options.get("kind")) if names is None else tuple(names)
     if "all" in asked:
         asked = ()
-    tables = parameter_tables(obj, Evaluating(names=asked, **settings))
+    tables = parameter_tables(_level(obj), Evaluating(names=asked, **settings))
     found = {symbol: quantity for table in tables for symbol, quantity in table.items()}
     messages = [note for table in tables for note in table.context.notes]
     messages += [
@@ -592,6 +592,19 @@ def _parameters(obj: Measured, options: Mapping[str, Any]) -> Done:
         "unavailable": {s: why for t in contexts for s, why in t["unavailable"].items()},
     }
     return Done(obj, found, tuple(dict.fromkeys(messages)), audit, tables)
+
+
+def _level(obj: Surface | Profile) -> Surface | Profile:
+    """Return a map of zeros where all heights are the same within rounding: its texture would be digits."""
+    if not isinstance(obj, Surface):
+        return obj
+    low, high = (float(of.reduce(obj.z, axis=None)) for of in (np.fmin, np.fmax))
+    if without_rounding(high - low, max(abs(low), abs(high))) != 0.0:
+        return obj
+    z = np.where(np.isnan(obj.z), np.nan, 0.0)
+    return Surface(
+        z, obj.dx, obj.dy, origin=obj.origin, metadata=obj.metadata, history=obj.history
+    )
 
 
 def _psd(obj: Measured, options: Mapping[str, Any]) -> Done:

@@ -7,11 +7,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from metrosep.core.errors import DataError, Example
 from metrosep.core.limits import FORM_OF_SYMBOL
-from metrosep.core.numbers import without_rounding
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
 from metrosep.core.readable import did_you_mean, said_value
@@ -770,7 +767,6 @@ def iso_filtered(
 
 def parameter_tables(obj: Surface | Profile, how: Evaluating) -> tuple[ParameterTable, ...]:
     """Return the parameters of an object, a table for each family."""
-    obj = _level(obj)
     tables = []
     for family, names in _families(obj, how.names).items():
         if family in FORM_OF_SYMBOL:
@@ -782,19 +778,6 @@ def parameter_tables(obj: Surface | Profile, how: Evaluating) -> tuple[Parameter
         else:
             tables.append(_profile(obj, family, names, how))
     return tuple(tables)
-
-
-def _level(obj: Surface | Profile) -> Surface | Profile:
-    """Return a map of zeros where all heights are the same within rounding: its texture would be digits."""
-    if not isinstance(obj, Surface):
-        return obj
-    low, high = (float(of.reduce(obj.z, axis=None)) for of in (np.fmin, np.fmax))
-    if without_rounding(high - low, max(abs(low), abs(high))) != 0.0:
-        return obj
-    z = np.where(np.isnan(obj.z), np.nan, 0.0)
-    return Surface(
-        z, obj.dx, obj.dy, origin=obj.origin, metadata=obj.metadata, history=obj.history
-    )
 
 
 def _families(obj: Surface | Profile, names: Sequence[str]) -> dict[str, list[str] | None]:
