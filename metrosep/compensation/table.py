@@ -296,6 +296,7 @@ class CompensationTable(Corrections, PublicObject):
         make = exact_correction if invert else (lambda e, x: -e(x))
         p, zero = sampled.positions, sampled.reference
         split = sampled.reverse is not None
+        missed = beyond_entries(error, sampled, axis) if isinstance(positions, str) else ""
         lost = (
             {f"lost_motion_{'rad' if is_rotary(target) else 'm'}": significant_lost_motion(error)}
             if split
@@ -322,9 +323,7 @@ class CompensationTable(Corrections, PublicObject):
             notes=(
                 *_notes(error, heat, axis, on_axis=target == axis, split=split),
                 *_finer(error, p, axis),
-                *filter(
-                    None, [isinstance(positions, str) and beyond_entries(error, sampled, axis)]
-                ),
+                *([missed] if missed else []),
             ),
             source_sha256=source_sha256 or source_hashes(getattr(error, "history", ())),
             history=(
