@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from metrosep.core.surface import Surface
 
 __all__ = [
+    "LENGTHS",
     "SHAPES",
     "Axis",
     "assumed_axis",
@@ -46,8 +47,8 @@ SHAPES: Mapping[str, tuple[str, ...]] = {
 }
 """Shapes, and the keys that each needs."""
 
-_LENGTHS = ("diameter", "inner_diameter", "width", "height", "radius")
-_KEYS = (*_LENGTHS, "angle", "points")
+LENGTHS = ("diameter", "inner_diameter", "width", "height", "radius")
+_KEYS = (*LENGTHS, "angle", "points")
 _FEWEST = {"polygon": 3, "brush": 1}
 """Points of a shape that is drawn."""
 _ROUNDING = 1e-9
@@ -190,7 +191,7 @@ def check_region(shape: str, region: Mapping[str, Any], *, is_profile: bool) -> 
             raise DataError(
                 f"{key} of the aperture must be more than zero, got {format_length(region[key])}"
             )
-    in_pixels(f"the {shape}", *(region.get(k) for k in (*_LENGTHS, "points", "centre")))
+    in_pixels(f"the {shape}", *(region.get(k) for k in (*LENGTHS, "points", "centre")))
     if shape == "ring" and not region["inner_diameter"] < region["diameter"]:
         raise DataError(
             f"inner_diameter = {format_length(region['inner_diameter'])} of the ring must be "

@@ -53,7 +53,6 @@ _TITLES = {
     "straightness": "straightness of the carriage",
     "pitch": "pitch of the carriage",
 }
-_LINES = (COLOURS["estimate"], COLOURS["after"], COLOURS["reverse"], COLOURS["before"])
 _DASHES: tuple[Any, ...] = ("-", DASHED, DOTTED, (0, (6, 1.5, 1.2, 1.5)))
 
 
@@ -143,7 +142,7 @@ def probe_transfer(
         curves = {name: method.transfer(lengths) for name, method in methods.items()}
         floor = 0.3 * min(_smallest_shown(h) for h in curves.values())
         for i, (name, height) in enumerate(curves.items()):
-            colour, dash = _LINES[i % 4], _DASHES[i % 4]
+            colour, dash = COLOURS[LINES[i % len(LINES)]], _DASHES[i % 4]
             seen = np.where(height > floor, height, np.nan)
             axes.plot(lengths * 1e3, seen, color=colour, linestyle=dash, label=name, linewidth=1.5)
             _mark_hidden(axes, methods[name], colour, lengths, floor * 1.4**i)
@@ -195,7 +194,7 @@ def _draw_part(axes: Axes, name: str, results: Mapping[str, Separation]) -> None
         key = "x" if name in ("artefact", "height") else "carriage_x"
         x, y = result.coordinates[key] * 1e3, result.parts[name] * scale
         half = BAND_FACTOR * result.u[name] * scale
-        colour = _LINES[i % 4]
+        colour = COLOURS[LINES[i % len(LINES)]]
         if np.isfinite(half).any():
             draw_band(axes, x, y, half, colour, alpha=0.22)
         text = f"{label} ± {BAND_FACTOR:.0f} u" if np.isfinite(half).any() else label

@@ -22,6 +22,7 @@ from metrosep.plot.style import (
     COLOURS,
     DASHED,
     DOTTED,
+    LINES,
     axes_or_new,
     draw_band,
     house_style,
@@ -380,7 +381,7 @@ def _draw_about(
         size = float(np.nanmax(np.abs(drawn))) if np.isfinite(drawn).any() else 0.0
         most[separation.units[name]] = max(most.get(separation.units[name], 0.0), size)
     for i, (axes, (name, drawn)) in enumerate(zip(places, shown.items(), strict=True)):
-        colour, largest = _PART_COLOURS[i % len(_PART_COLOURS)], most[separation.units[name]]
+        colour, largest = COLOURS[LINES[i % len(LINES)]], most[separation.units[name]]
         draw_round(axes, [("", np.radians(x), drawn)], [colour], printed[i], largest=largest)
 
 
@@ -429,7 +430,7 @@ def _draw_parts(
             unit, size = stated_unit(stated, separation.units[name])
             factor = 1.0 / size
         printed.append((factor, unit))
-        colour = _PART_COLOURS[i % len(_PART_COLOURS)]
+        colour = COLOURS[LINES[i % len(LINES)]]
         half = BAND_FACTOR * separation.u[name]
         text = name.replace("_", " ")
         if np.isfinite(half).any():
@@ -446,9 +447,6 @@ def _draw_parts(
                 f"{'deviation' if separation.units[name].endswith('m') else 'angle'} / {unit}"
             )
     return printed
-
-
-_PART_COLOURS = (COLOURS["estimate"], COLOURS["after"], COLOURS["reverse"], COLOURS["before"])
 
 
 def _abscissa(separation: Separation) -> tuple[FloatArray, str]:

@@ -13,6 +13,7 @@ from metrosep.core.errors import DataError, FitError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.regions import (
+    LENGTHS,
     check_region,
     in_pixels,
     measured_middle,
@@ -43,7 +44,7 @@ def masked(
     """Return an object without what lies outside (or inside) an aperture."""
     shape = str(aperture.get("shape", "circle"))
     check_region(shape, aperture, is_profile=isinstance(obj, Profile))
-    sizes = {k: aperture[k] for k in _LENGTHS if k in aperture}
+    sizes = {k: aperture[k] for k in LENGTHS if k in aperture}
     pixels = in_pixels(f"the {shape}", *sizes.values(), aperture.get("points"))
     key, number = (PIXEL, Pixels) if pixels else ("m", float)
     x, y = _positions(obj, aperture, pixels=pixels)
@@ -85,7 +86,6 @@ def masked(
     return result, facts
 
 
-_LENGTHS = ("diameter", "inner_diameter", "width", "height", "radius")
 _ROUND = ("circle", "ring", "brush")
 
 
@@ -130,7 +130,7 @@ def _positions(
     (x0, y0), (dx, dy) = (0.0, 0.0), (1.0, 1.0)
     if not pixels:
         if obj.dx is None or obj.dy is None:
-            key = next((k for k in _LENGTHS if k in aperture), "diameter")
+            key = next((k for k in LENGTHS if k in aperture), "diameter")
             raise needs_scale(f"{key} of the aperture", f'{key} = "120 px"')
         (x0, y0), (dx, dy) = obj.origin, (obj.dx, obj.dy)
     rows, columns = obj.shape

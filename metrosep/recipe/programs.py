@@ -3,66 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
-from functools import cached_property
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError, MetrosepError, WriteError
-from metrosep.core.options import options_of
 from metrosep.core.units import format_length
 from metrosep.recipe.preflight import output_name
-from metrosep.recipe.schema import Field
+from metrosep.recipe.steps import PROGRAM_FILE, PROGRAM_PROOF
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["PROGRAM", "program_names", "refuse_replaced", "try_programs", "write_programs"]
-
-_FILE: Mapping[str, Field] = {
-    "kind": Field("text", required=True),
-    "path": Field("text", required=True),
-    "format": Field(
-        "text",
-        choices=("gcode", "pmac", "points"),
-        help="blocks with G1 (or the spline word), PVT blocks of a PMAC, or a CSV of points",
-    ),
-}
-_PROOF: Mapping[str, Field] = {
-    "velocity_time": Field("time", help="unit of time of a PMAC's velocities (Ix90)"),
-    "tolerance": Field(
-        "size", help="largest P-V of the part cut from the file, without the cusps of the feed"
-    ),
-    "verify": Field(
-        "flag", help="false: the part is not cut from the file before it gets its name"
-    ),
-    "cut_points": Field(
-        "flag", help="true: points of the surface are written, for whoever offsets them elsewhere"
-    ),
-    "overwrite": Field("flag", help="true: another file of that name is replaced"),
-}
-
-
-class _ProgramKeys(Mapping[str, Field]):
-    """Keys of an output of kind "program"; those of the machine are loaded when one is asked for."""
-
-    @cached_property
-    def _known(self) -> dict[str, Field]:
-        from metrosep.controllers.gcode.lathe import LatheAxes
-
-        return {**_FILE, **options_of(LatheAxes), **_PROOF}
-
-    def __getitem__(self, key: str) -> Field:
-        return self._known[key]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._known)
-
-    def __len__(self) -> int:
-        return len(self._known)
-
-
-PROGRAM: Mapping[str, Field] = _ProgramKeys()
+__all__ = ["program_names", "refuse_replaced", "try_programs", "write_programs"]
 
 
 def try_programs(recipe: Recipe, produced: Any, tell: Callable[[str], None]) -> list[str]:
@@ -139,7 +92,9 @@ def _written(
     from metrosep.controllers.gcode.lathe import LatheAxes
     from metrosep.controllers.gcode.turning import write_program
 
-    axes = LatheAxes(**{k: v for k, v in output.items() if k not in {**_FILE, **_PROOF}})
+    axes = LatheAxes(
+        **{k: v for k, v in output.items() if k not in {**PROGRAM_FILE, **PROGRAM_PROOF}}
+    )
     if nose is None and not output.get("cut_points", False):
         raise DataError(
             "the step has no nose (nose_radius): its points are points of the surface, no tip path; a "
@@ -153,7 +108,7 @@ def _written(
         form=produced.form,
         setting=produced.setting,
         kind=output.get("format", "gcode"),
-        **{k: output[k] for k in _PROOF if k in output},
+        **{k: output[k] for k in PROGRAM_PROOF if k in output},
     )
     if made.check is None:
         return [f"{target.name}: was not cut in a virtual part"]

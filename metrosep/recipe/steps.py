@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 
 from metrosep.core.limits import COVERAGE, RULES
 from metrosep.core.methods import METHODS
@@ -10,7 +11,6 @@ from metrosep.core.options import options_of
 from metrosep.core.text_options import ROW_ORDERS
 from metrosep.recipe.methods.plan import PLAN
 from metrosep.recipe.pipeline import STEPS as MEASURING
-from metrosep.recipe.programs import PROGRAM
 from metrosep.recipe.schema import LAYOUT, Field
 from metrosep.separation.positions.expansion import Expansion
 from metrosep.separation.positions.laser_options import READ_AS, SETUP
@@ -28,6 +28,8 @@ __all__ = [
     "METRICS",
     "OPERATOR",
     "OUTPUTS",
+    "PROGRAM_FILE",
+    "PROGRAM_PROOF",
     "STEPS",
     "TOP",
     "WHAT",
@@ -206,9 +208,55 @@ METHOD_CHECK = {
     "sequential": Field("flag"),
 }
 
+PROGRAM_FILE: Mapping[str, Field] = {
+    "kind": Field("text", required=True),
+    "path": Field("text", required=True),
+    "format": Field(
+        "text",
+        choices=("gcode", "pmac", "points"),
+        help="blocks with G1 (or the spline word), PVT blocks of a PMAC, or a CSV of points",
+    ),
+}
+PROGRAM_PROOF: Mapping[str, Field] = {
+    "velocity_time": Field("time", help="unit of time of a PMAC's velocities (Ix90)"),
+    "tolerance": Field(
+        "size", help="largest P-V of the part cut from the file, without the cusps of the feed"
+    ),
+    "verify": Field(
+        "flag", help="false: the part is not cut from the file before it gets its name"
+    ),
+    "cut_points": Field(
+        "flag", help="true: points of the surface are written, for whoever offsets them elsewhere"
+    ),
+    "overwrite": Field("flag", help="true: another file of that name is replaced"),
+}
+
+
+class _ProgramKeys(Mapping[str, Field]):
+    """Keys of an output of kind "program"; those of the machine are loaded when one is asked for."""
+
+    @cached_property
+    def _known(self) -> dict[str, Field]:
+        from metrosep.controllers.gcode.lathe import LatheAxes
+
+        return {**PROGRAM_FILE, **options_of(LatheAxes), **PROGRAM_PROOF}
+
+    def __getitem__(self, key: str) -> Field:
+        return self._known[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._known)
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+
+_PROGRAM: Mapping[str, Field] = _ProgramKeys()
+
+
 METHOD_OUTPUTS = {
     "table": {**OUTPUTS["table"], "spacing": Field("spacing")},  # a list of targets has its own
     "parts": OUTPUTS["parts"],
     "report": OUTPUTS["report"],
-    "program": PROGRAM,
+    "program": _PROGRAM,
 }
