@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import InvalidSamplesError, MetrosepError
+from metrosep.core.errors import Example, InvalidSamplesError, MetrosepError
 from metrosep.core.numbers import LEAST, without_rounding
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
@@ -481,6 +481,13 @@ def _plane_over_pixels(obj: Surface, rest: Mapping[str, Any]) -> Done:
     """Return a map without scale less its plane, which needs none; its inclination would be in m per pixel."""
     from metrosep.forms.fit import fit
 
+    held = [k for k, v in rest.get("fixed", {}).items() if k.startswith("tilt") and v != 0.0]
+    if held:  # as rad it would be taken off once per pixel, and not per m
+        raise StepError(
+            f"fix holds {held[0]}, an angle, and the file does not say how large a pixel of the map is: hold "
+            'it at zero or leave it free, or give lateral_step = "3 um" where the file is read',
+            "fix",
+        ).hinting(lateral_step=Example("3 um"))
     result = fit(Surface(obj.z, 1.0, 1.0), "plane", **rest)
     facts = {"form": "plane", "over": PIXEL, "n_points": result.n_points}
     facts |= {"rms_m": result.rms, "pv_m": result.peak_to_valley}

@@ -333,3 +333,23 @@ def test_a_plane_is_removed_over_pixels_and_says_nothing_of_its_inclination(
     done = command_line(tmp_path, "form", "part.h5", "--form", "plane")
     assert "the surface has no lateral step" in done.stderr
     assert "--lateral-step" in done.stderr
+
+
+def test_an_angle_is_not_held_where_pixels_have_no_size(tmp_path, command_line):
+    """1 urad was taken off as 1 um per pixel; an angle of zero is one whatever the size is."""
+    z = 7.0 * NM * ROW + 0.0 * COLUMN
+    ms.write(ms.Surface(z), tmp_path / "part.h5")
+    text = (
+        HEAD
+        + '[[step]]\nop = "form"\nform = "plane"\nfix = {{ tilt_x = "{}" }}\n'
+        + '[[step]]\nop = "parameters"\nnames = ["Sz"]\n'
+    )
+    (tmp_path / "r.toml").write_text(text.format("1 urad"))
+    done = command_line(tmp_path, "run", "r.toml", "part.h5", "-o", "out")
+    assert done.returncode == 2
+    assert "fix holds tilt_x, an angle, and the file does not say" in " ".join(done.stderr.split())
+
+    (tmp_path / "r.toml").write_text(text.format("0 rad"))
+    done = command_line(tmp_path, "run", "r.toml", "part.h5", "-o", "out")
+    assert done.returncode == 0, done.stderr
+    assert "Sz: 0 m" in done.stdout + done.stderr
