@@ -10,6 +10,7 @@ from metrosep import Run, RunSet
 from metrosep.errors import DataError, NotSeparableError
 from metrosep.separation import ErrorEstimate, machine_axis, separate as separate_runs
 from metrosep.separation.runs.evidence import (
+    _held_by_all,
     evidence_columns,
     evidence_table,
     noise_peaks,
@@ -279,3 +280,19 @@ def test_a_bump_on_the_flank_of_a_resonance_is_not_another(poles, resonances):
     found = noise_peaks(AutoregressiveModel(-polynomial[1:], 1.0, 1e-3))
 
     assert sorted(found) == pytest.approx(resonances, abs=1.0)
+
+
+@pytest.mark.parametrize("of_one", [False, True])
+def test_a_vibration_whose_frequency_differs_between_runs_is_of_all(of_one):
+    """One per cent of 10 Hz is ten cells of a run of 100 s: at one frequency the nearest run had all the power."""
+    rng = np.random.default_rng(11)
+    t = 1e-3 * np.arange(100_000)
+    said = []
+    for _ in range(10):
+        records = [1e-9 * rng.standard_normal(t.size) for _ in range(8)]
+        for i in range(1 if of_one else 8):
+            hz = 10.0 + 0.1 * rng.standard_normal()
+            records[i] += 20e-9 * np.sin(2.0 * np.pi * hz * t + rng.uniform(0.0, 6.0))
+        said.append(_held_by_all((9.7, 10.3), records, 1e-3))
+
+    assert said == [not of_one] * 10

@@ -478,8 +478,17 @@ def _close_feeds(feeds: tuple[float, ...], travel: float) -> list[str]:
     return [sentence]
 
 
-def noise_peaks(model: AutoregressiveModel, *, n_max: int = 4) -> list[float]:
+_NAMED = 4
+"""Resonances of a noise model that are named, the strongest."""
+
+
+def noise_peaks(model: AutoregressiveModel, *, n_max: int = _NAMED) -> list[float]:
     """Return the frequencies of the strongest resonances of a noise model."""
+    return [f for f, _, _ in _resonances(model)[:n_max]]
+
+
+def _resonances(model: AutoregressiveModel) -> list[tuple[float, float, float]]:
+    """Return frequency and band (to a tenth of the density) of each resonance, the strongest first."""
     from scipy.signal import find_peaks
 
     if model.order < 2:
@@ -489,34 +498,41 @@ def noise_peaks(model: AutoregressiveModel, *, n_max: int = 4) -> list[float]:
     density = model.psd(frequency)
     step = frequency[1] - frequency[0]
     peaks, _ = find_peaks(np.log(density), prominence=math.log(_PEAK_RATIO))
-    found: list[tuple[float, float]] = []
+    found: list[tuple[float, float, float, float]] = []
     for i in peaks.tolist():
         above = (density > density[i] / 10.0) & (density <= density[i])
         left = i - int(np.argmin(above[i::-1])) if not above[: i + 1].all() else 0
         right = i + int(np.argmin(above[i:])) if not above[i:].all() else density.size
         share = float(density[left:right].sum() * step)
         if share > _PEAK_SHARE * float(density.sum() * step):
-            found.append((share, float(frequency[i])))
-    return [f for _, f in sorted(found, reverse=True)[:n_max]]
+            ends = (float(frequency[left]), float(frequency[right - 1]))
+            found.append((share, float(frequency[i]), *ends))
+    return [(f, low, high) for _, f, low, high in sorted(found, reverse=True)]
 
 
 _ONE_RUN = 1e-3
 """Chance by which a vibration of all runs would have so much of its power in one of them."""
 
 
-def _held_by_all(frequency: float, records: Sequence[FloatArray], time_step: float) -> bool:
+def _held_by_all(
+    band: tuple[float, float], records: Sequence[FloatArray], time_step: float
+) -> bool:
     """Tell whether a resonance is of all runs, and not of one that differs, such as a displaced one.
 
     Powers of R runs at one frequency are exponential: the greatest has a share above g by a chance
-    of at most R (1 - g)^(R - 1) (Fisher 1929).
+    of at most R (1 - g)^(R - 1) (Fisher 1929). Over a band they scatter less. One frequency would not do:
+    a long run resolves 1/T, and the frequency of a spindle or a motor differs more than that between runs.
     """
     if len(records) < 3:
         return True
     power = []
     for record in records:
-        known = np.flatnonzero(~np.isnan(record))
-        turn = np.exp(-2j * math.pi * frequency * time_step * known)
-        power.append(float(abs(turn @ record[known]) ** 2) / max(known.size, 1))
+        known = ~np.isnan(record)
+        spectrum = np.abs(np.fft.rfft(np.where(known, record, 0.0))) ** 2
+        cell = 1.0 / (time_step * record.size)
+        first, last = (round(f / cell) for f in band)
+        within = spectrum[max(first - 1, 0) : last + 2]
+        power.append(float(within.mean()) / max(int(known.sum()), 1))
     share = max(power) / max(sum(power), 1e-300)
     return len(power) * (1.0 - share) ** (len(power) - 1) > _ONE_RUN
 
@@ -541,8 +557,8 @@ def explain_disturbances(
         {
             round(f, 1)
             for m, own in zip(solution.noise, records, strict=True)
-            for f in noise_peaks(m)
-            if _held_by_all(f, own, m.time_step)
+            for f, *band in _resonances(m)[:_NAMED]
+            if _held_by_all((band[0], band[1]), own, m.time_step)
         }
     )
     cell = max(runs.feeds) / travel  # noise models of two sampling rates see the same vibration
