@@ -58,7 +58,7 @@ def part(folder, step=3e-6):
         (mask(f'{{ shape = "polygon", points = {SQUARE} }}'), 3e-6, 2, ("r.toml:6", "polygon")),
         (mask(circle("0 um")), 3e-6, 2, ("r.toml:6", "diameter")),
         (mask(circle("-3 um")), 3e-6, 2, ("r.toml:6", "diameter")),
-        (mask(circle("20 um")), None, 2, ("r.toml:6", "no lateral calibration", "lateral_step = ")),
+        (mask(circle("20 um")), None, 2, ("r.toml:6", "how large a pixel", "120 px", "lateral_step = ")),
         (mask(circle("20 um", "30 mm")), 3e-6, 4, ("r.toml:5", "leaves nothing", "0 to 267 um in x")),
         (line(["9 um", "9 um"], ["9 um", "9 um"]), 3e-6, 2, ("r.toml:11", "the section has no length")),
         (line(["9 mm", "9 um"], ["10 mm", "9 um"]), 3e-6, 4, ("wholly outside",)),

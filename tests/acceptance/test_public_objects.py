@@ -866,7 +866,7 @@ def test_a_resampled_map_is_the_wave_on_the_other_grid():
     np.testing.assert_allclose(onto.z, wave(u + 20.5e-6, v + 30e-6), atol=0.02 * NM)
     with pytest.raises(DataError, match="onto"):
         s.resample()
-    with pytest.raises(MetrosepError, match="without lateral steps"):
+    with pytest.raises(MetrosepError, match="how large a pixel"):
         ms.Surface(s.z).section(("1 um", "1 um"), ("9 um", "1 um"))
 
 
