@@ -346,7 +346,9 @@ def lateral_unit(obj: Surface | Profile) -> Literal["m", "px"]:
     >>> lateral_unit(Surface([[0.0, 1e-9]])), lateral_unit(Surface([[0.0]], dx=1e-6, dy=1e-6))
     ('px', 'm')
     """
-    return "px" if isinstance(obj, Surface) and None in (obj.dx, obj.dy) else "m"
+    if isinstance(obj, Profile):
+        return obj.lateral_unit
+    return "px" if None in (obj.dx, obj.dy) else "m"
 
 
 def map_frame(view: MapView, extent: object, *, is_preview: bool = False) -> Frame:

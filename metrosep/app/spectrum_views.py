@@ -148,6 +148,8 @@ def profile_spectrum(
         raise DataError(f'unit must be "m" or "px", got {said_value(unit)}')
     told = format_length if unit == "m" else _pixels
     whole = profile.to_profile() if isinstance(profile, Run) else profile
+    if unit == "px":  # asked for by the pixel: frequencies are 1/px
+        whole = Profile(whole.x, whole.z, history=whole.history)
     part, messages = _longest_part(whole, gaps, told)
     if len(part) < _LEAST_SAMPLES:
         raise TooFewSamplesError(

@@ -139,6 +139,8 @@ _PAIR = re.compile(
     rf"{_OWN} ?= ?(?:\"([^\"]*)\"|'([^']*)'|(-?\d[\w.+-]*|(?:true|false)\b)(?![/\\]|\.\w))"
     r"(?: in \[\w+\]| here\b| there\b)?"
 )
+_AMOUNT = re.compile(r"[+-]?\.?\d")
+"""What begins as a number with its unit does; a word that was typed stays quoted."""
 _NAMED = re.compile(rf"{_OWN}=(?=[\s,;)]|\.(?!\w)|$)")
 _MACHINE = re.compile(r": write machine = \{[^{}]*\}")
 """Facts of a controller that are missing: the page has a field for each."""
@@ -172,7 +174,9 @@ def page_words(message: str, names: Iterable[object] = ()) -> str:
     >>> page_words("put that step first, or write intermediate = true here")
     'put that step first, or switch intermediate on'
     >>> page_words("gain=2.toml: exists already; write n = 3")
-    'gain=2.toml: exists already; write n 3'
+    'gain=2.toml: exists already; write n = 3'
+    >>> page_words('r.toml:4: a = "abc": a point has x and y')
+    'a “abc”: a point has x and y'
     """
 
     def switched(found: re.Match[str]) -> str:
@@ -182,7 +186,11 @@ def page_words(message: str, names: Iterable[object] = ()) -> str:
         value = next(v for v in found.groups()[1:] if v is not None)
         if found[4] and _SUFFIX.search(value):
             return found[0]  # the name of a file
-        return f"{field_words(found[1])} {'' if '...' in value else value}".rstrip()
+        if found[4]:
+            return f"{field_words(found[1])} = {value}"
+        if "..." in value:
+            return field_words(found[1])
+        return f"{field_words(found[1])} {value if _AMOUNT.match(value) else f'“{value}”'}"
 
     kept: list[str] = []
 

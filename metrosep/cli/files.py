@@ -109,7 +109,7 @@ def _names_of(command: click.Command) -> set[str]:
 
 def _print_description(name: str, found: dict[str, Any]) -> None:
     from metrosep.cli.errors import as_options
-    from metrosep.core.units import format_length
+    from metrosep.core.units import PIXEL, format_length
 
     click.echo(f"{name}")
     shape = " x ".join(str(n) for n in found["shape"])
@@ -117,6 +117,8 @@ def _print_description(name: str, found: dict[str, Any]) -> None:
     if found["kind"] in ("surface", "profile"):
         steps = [found["dx_m"]] + ([found["dy_m"]] if found["kind"] == "surface" else [])
         missing = "not calibrated" if found["kind"] == "surface" else "not uniform"
+        if found["metadata"].get("lateral_unit") == PIXEL:
+            missing = "not calibrated, x counts pixels"
         texts = [missing if s is None else format_length(s, digits=7) for s in steps]
         click.echo(f"  step      {', '.join(texts)}")
         pv, sq = (format_length(found[k] * 1e-9, digits=7) for k in ("pv_nm", "sq_nm"))

@@ -100,6 +100,7 @@ def measured_error(
     if isinstance(against, RunSet):
         return _of_runs(against, units)
     if isinstance(against, Profile):
+        against.require_metres()
         x, curve = _interpolated(against)
         row = Row("profile", (), {1: curve, -1: curve}, {1: x, -1: x})
         return Measured((row,), (float(x[0]), float(x[-1])), "stated", knows_lost_motion=False)

@@ -509,6 +509,7 @@ def _curves(
     elif isinstance(data, RunSet):
         pairs = [(r.x, r.z) for r in data]
     elif isinstance(data, Profile):
+        data.require_metres()
         pairs = [(data.x, data.z)]
     else:
         raise DataError(f"pass an ErrorEstimate, a RunSet or a Profile, got {type(data).__name__}")

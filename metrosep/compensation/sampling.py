@@ -147,6 +147,7 @@ def _function(
         middle = 0.5 * (error.start + error.stop)
         return lambda x: error.evaluate(x, direction=direction) + slope * (x - middle)
     if isinstance(error, Profile):
+        error.require_metres()
         valid = ~np.isnan(error.z)
         if not valid.any():
             raise DataError("the profile holds no valid sample: nothing to make a table of")
@@ -246,6 +247,7 @@ def _known(error: ErrorSource) -> tuple[float, float] | None:
     if isinstance(error, PitchErrors):
         return float(error.positions[0]), float(error.positions[-1])
     if isinstance(error, Profile):
+        error.require_metres()
         valid = error.x[~np.isnan(error.z)]
         return float(valid[0]), float(valid[-1])
     return None

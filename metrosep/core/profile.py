@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from html import escape
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,11 +14,17 @@ from metrosep.core._arrays import FloatArray, Heights, frozen_float, same_length
 from metrosep.core._thumbnails import png_image, profile_thumbnail
 from metrosep.core.arithmetic import HeightArithmetic
 from metrosep.core.attached import attached
-from metrosep.core.errors import InvalidSamplesError, NotUniformError, TooFewSamplesError
+from metrosep.core.errors import (
+    DataError,
+    Example,
+    InvalidSamplesError,
+    NotUniformError,
+    TooFewSamplesError,
+)
 from metrosep.core.numbers import quantity
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.public import Guessed, PublicObject
-from metrosep.core.units import format_ends, format_length
+from metrosep.core.units import PIXEL, Pixels, format_ends, format_length
 
 __all__ = ["Profile"]
 
@@ -38,7 +44,7 @@ class Profile(Heights, HeightArithmetic, Guessed, PublicObject):
     z : array_like, shape (n,), m
         Heights, out of the material; NaN where not measured.
     metadata : mapping, optional
-        What the file said.
+        What the file said; ``lateral_unit`` is "px" where x counts the pixels of a map without scale.
     history : tuple of Step, optional
         Where it came from.
 
@@ -115,8 +121,31 @@ class Profile(Heights, HeightArithmetic, Guessed, PublicObject):
         return bool(np.abs(steps - mean).max() <= _UNIFORM_RTOL * mean)
 
     @property
-    def dx(self) -> float:
-        """Step in m of a uniform profile.
+    def lateral_unit(self) -> Literal["m", "px"]:
+        """Unit of x: "px" of a section of a map whose pixels have no known size."""
+        return "px" if self.metadata.get("lateral_unit") == PIXEL else "m"
+
+    def require_metres(self) -> None:
+        """Refuse a profile whose x counts pixels, where a length along x is taken of it.
+
+        Raises
+        ------
+        DataError
+            If `lateral_unit` is "px".
+        """
+        if self.lateral_unit == PIXEL:
+            raise DataError(
+                "x of the profile counts pixels, so that nothing which needs a length along it can be "
+                "given; give the map its lateral_step where it is read"
+            ).hinting(lateral_step=Example("3 um"))
+
+    def _said(self, along: float) -> str:
+        """Return a length along x with its unit."""
+        return format_length(along if self.lateral_unit == "m" else Pixels(along))
+
+    @property
+    def step(self) -> float:
+        """Step of a uniform profile in the unit of x, `lateral_unit`.
 
         Raises
         ------
@@ -131,11 +160,25 @@ class Profile(Heights, HeightArithmetic, Guessed, PublicObject):
             off = float(np.abs(steps - mean).max())
             raise NotUniformError(
                 "the steps of the profile are not uniform: they depart from their mean "
-                f"{format_length(mean)} by up to {format_length(off)}, {100.0 * off / mean:.3g} % of it, "
+                f"{self._said(mean)} by up to {self._said(off)}, {100.0 * off / mean:.3g} % of it, "
                 "where 0.0001 % is allowed; if x was only rounded, read the heights alone with "
                 "z=... and lateral_step=..., else resample them with numpy.interp"
             )
         return float((self.x[-1] - self.x[0]) / (self.x.size - 1))
+
+    @property
+    def dx(self) -> float:
+        """Step in m of a uniform profile.
+
+        Raises
+        ------
+        DataError
+            If x counts pixels.
+        NotUniformError
+            If the positions are not uniform.
+        """
+        self.require_metres()
+        return self.step
 
     def crop(self, start: float | str, stop: float | str) -> Profile:
         """Return the part with ``start <= x <= stop``.
@@ -154,7 +197,10 @@ class Profile(Heights, HeightArithmetic, Guessed, PublicObject):
         ------
         TooFewSamplesError
             If no sample lies inside.
+        DataError
+            If x counts pixels.
         """
+        self.require_metres()
         start, stop = (quantity(v, k, "length") for v, k in ((start, "start"), (stop, "stop")))
         keep = (self.x >= start) & (self.x <= stop)
         if not keep.any():
@@ -187,7 +233,8 @@ class Profile(Heights, HeightArithmetic, Guessed, PublicObject):
         scale = max(float(np.ptp(self.x[valid])), np.finfo(float).tiny)
         basis = np.column_stack([np.ones(self.x.size), (self.x - centre) / scale])
         coefficients = np.linalg.lstsq(basis[valid], self.z[valid], rcond=None)[0]
-        step = Step("remove_line", {"slope_rad": float(coefficients[1] / scale)})
+        slope = "slope_rad" if self.lateral_unit == "m" else "slope_m_per_px"
+        step = Step("remove_line", {slope: float(coefficients[1] / scale)})
         return Profile(
             self.x,
             self.z - basis @ coefficients,
@@ -197,8 +244,8 @@ class Profile(Heights, HeightArithmetic, Guessed, PublicObject):
 
     def __repr__(self) -> str:
         valid = self.z[~np.isnan(self.z)]
-        span = f"{format_length(float(np.ptp(self.x)))}"
-        step = f"step {format_length(self.dx)}" if self.is_uniform else "step not uniform"
+        span = self._said(float(np.ptp(self.x)))
+        step = f"step {self._said(self.step)}" if self.is_uniform else "step not uniform"
         heights = (
             f"z {format_ends(float(valid.min()), float(valid.max()))}"
             if valid.size
@@ -211,8 +258,8 @@ class Profile(Heights, HeightArithmetic, Guessed, PublicObject):
         """Return a thumbnail and a small table for notebooks."""
         rows = {
             "samples": str(len(self)),
-            "from": format_length(float(self.x[0])),
-            "to": format_length(float(self.x[-1])),
+            "from": self._said(float(self.x[0])),
+            "to": self._said(float(self.x[-1])),
             "P-V (nothing removed)": format_length(self.peak_to_valley()),
             "RMS about the mean": format_length(self.rms()),
             "not measured": str(self.n_invalid),

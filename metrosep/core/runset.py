@@ -348,6 +348,7 @@ class RunSet(PublicObject):
         for i, item in enumerate(runs):
             run = item
             if isinstance(item, Profile):
+                item.require_metres()
                 run = Run(item.x, item.z, run_id=str(i), metadata=item.metadata)
             if not isinstance(run, Run):
                 raise InvalidSamplesError(

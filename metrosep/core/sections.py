@@ -108,7 +108,13 @@ def section_profile(
         _, (dx, dy) = grid_of(surface)
         x = x * (math.hypot((other[0] - one[0]) * dx, (other[1] - one[1]) * dy) / x[-1])
     history = (*surface.history, Step("section", step))
-    return Profile(x, z, metadata=surface.metadata, history=history)
+    return Profile(x, z, metadata=_along(surface), history=history)
+
+
+def _along(surface: Surface) -> dict[str, Any]:
+    """Return the metadata of a section, which name the unit of x where it is not m."""
+    unit = {} if is_calibrated(surface) else {"lateral_unit": PIXEL}
+    return {**surface.metadata, **unit}
 
 
 def _mean_of_band(
@@ -186,7 +192,7 @@ def circle_section(
         chords = np.hypot(dx * np.diff(r * np.cos(angle)), dy * np.diff(r * np.sin(angle)))
         turn = (math.pi / n) / math.sin(math.pi / n)  # an arc over its chord
         arc = turn * np.concatenate([[0.0], np.cumsum(chords)])
-    return Profile(arc, z, metadata=surface.metadata, history=history)
+    return Profile(arc, z, metadata=_along(surface), history=history)
 
 
 def harmonics(ring: Profile, orders: Sequence[int]) -> tuple[FloatArray, FloatArray]:

@@ -244,7 +244,7 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         -------
         Profile
             Over the distance from a; its history says which share had gaps beside it. On a map without
-            lateral steps x counts pixels, as the history says.
+            lateral steps x counts pixels, as its `lateral_unit` says.
 
         Raises
         ------
@@ -279,7 +279,7 @@ class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
         -------
         Profile
             Over the length of the arc; ceil(2 pi r / min(dx, dy)) samples at equal angles. On a map
-            without lateral steps x counts pixels, as the history says.
+            without lateral steps x counts pixels, as its `lateral_unit` says.
 
         Raises
         ------

@@ -73,6 +73,9 @@ def resample(
     choice(method, "method", _METHODS)
     pitch = None if step is None else positive(step, "step", dimension="length")
     if isinstance(obj, Profile):
+        for one in (obj, onto):
+            if isinstance(one, Profile):
+                one.require_metres()
         x = onto.x if isinstance(onto, Profile) else _grid(obj.x[0], obj.x[-1], pitch)
         z = np.interp(x, obj.x, obj.z, left=np.nan, right=np.nan)
         note = Step("resample", {"samples": int(x.size), "reading": "linear"})

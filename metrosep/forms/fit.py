@@ -194,8 +194,16 @@ def _result(
     residual, rms = _left(answer, points.z)
     shape = {k: float(v) for k, v in placed.form.parameters.items() if v is not None}
     rigid = {k: placed.get(k) for k in RIGID if k in freedoms.rigid or k in freedoms.held}
+    # a sag of less than the last digit of the heights is none: the radius is infinite
+    digit = np.finfo(float).eps * points.largest
+    shape.update(
+        {
+            k: np.inf
+            for k in placed.form.radii
+            if is_flat(shape[k]) or (k in names and 0.5 * points.radius**2 < digit * abs(shape[k]))
+        }
+    )
     bent = {curvature_name(k): curvature_of(shape[k]) for k in placed.form.radii if k in names}
-    shape.update({k: np.inf for k in placed.form.radii if is_flat(shape[k])})
     params = {**rigid, **shape, **bent}
     step = Step(
         f"fit {placed.form.name}",

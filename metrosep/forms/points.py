@@ -212,6 +212,7 @@ def points_of(
     """Return the points of an object, measured from a centre."""
     centre = None if centre is None else position(centre, "centre")
     if isinstance(obj, Profile):
+        obj.require_metres()
         x0 = 0.0 if centre is None else float(centre[0])
         points = Points(obj.x - x0, np.zeros(1), obj.z[None, :], (x0, 0.0))
     elif isinstance(obj, Surface):

@@ -435,12 +435,11 @@ class FitResult(PublicObject):
             ),
         ]
         for name, value in self.params.items():
-            text = format_engineering(value, self.units[name], digits=9)
-            how = (
-                f"u = {format_engineering(u[name], self.units[name], digits=2)}"
-                if name in u
-                else "held"
-            )
+            text, how = _said(value, self.units[name], 9), "held"
+            if name in u:
+                how = f"u = {format_engineering(u[name], self.units[name], digits=2)}"
+                if math.isinf(value):
+                    how = f"a flat: see {curvature_name(name)} for u"
             lines.append(f"  {name:<12} {text:<22} {how}")
         lines.append(self.assumption)
         lines += [f"warning: {w}" for w in self.warnings]
@@ -471,8 +470,12 @@ class FitResult(PublicObject):
         """Return a table for notebooks."""
         u = self.u
         rows = {
-            k: format_engineering(v, self.units[k], digits=7)
-            + (f" (u = {format_engineering(u[k], self.units[k], digits=2)})" if k in u else "")
+            k: _said(v, self.units[k], 7)
+            + (
+                f" (u = {format_engineering(u[k], self.units[k], digits=2)})"
+                if k in u and not math.isinf(v)
+                else ""
+            )
             for k, v in self.params.items()
         }
         rows["residual RMS"] = format_length(self.rms)
@@ -483,6 +486,11 @@ class FitResult(PublicObject):
 
 
 _SHARE = f"{100.0 * COVERAGE:.4g} %"
+
+
+def _said(value: float, unit: str, digits: int) -> str:
+    """Return a parameter with its unit; the radius of a flat is infinite."""
+    return "infinite" if math.isinf(value) else format_engineering(value, unit, digits=digits)
 
 
 def _length(value: float) -> str:

@@ -350,7 +350,7 @@ def describe(
         samples = [obj.z]
         shape = list(obj.z.shape)
         facts = {"pv": obj.peak_to_valley(), "sq": obj.rms(), "mean": float(np.nanmean(obj.z))}
-        if isinstance(obj, Surface) or obj.is_uniform:
+        if isinstance(obj, Surface) or (obj.is_uniform and obj.lateral_unit == "m"):
             facts |= {"dx_m": obj.dx, "dy_m": obj.dy if isinstance(obj, Surface) else None}
     kind = type(obj).__name__.lower()
     return _listed(file, description.id, kind, shape, samples, obj.metadata, **facts)

@@ -137,6 +137,11 @@ def _bytes(
             f"{path}: format {name!r} is not written; there are "
             f"{', '.join(sorted(set(_SUFFIXES.values())))}.{did_you_mean(name, _SUFFIXES.values())}"
         )
+    if isinstance(obj, Profile) and obj.lateral_unit != "m" and name != "h5":
+        raise WriteError(
+            f"{path}: x of the profile counts pixels, and {name} holds positions in m; give the map its "
+            "lateral_step where it is read, or write h5"
+        )
     if name in _BINARY:
         return _by_module(obj, name, path, options)
     if options:

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import choice, not_negative, positive
-from metrosep.core.units import format_length
 from metrosep.filters._arguments import ProfileKind
 from metrosep.parameters.autocorrelation import dominant_wavelength
 from metrosep.parameters.material_ratio import (
@@ -93,6 +92,12 @@ class Work:
         """Elements of each section (1997), or of the whole in both directions (2021); none empty."""
         return _elements(self.evaluation)
 
+    @property
+    def lateral(self) -> Work:
+        """Return itself for what is a length along x; refused where x counts pixels."""
+        _ = self.evaluation.dx
+        return self
+
     @cached_property
     def peaks(self) -> Points:
         return self._points(1.0)
@@ -104,7 +109,7 @@ class Work:
     def _points(self, side: float) -> Points:
         e = self.evaluation
         threshold = PRUNING * float(np.mean(e.section_values(lambda a: a.z)))
-        return significant_points(side * e.whole, e.dx, threshold)
+        return significant_points(side * e.whole, e.step, threshold)
 
     def highest(self, ranks: slice, share: float) -> float:
         """Return the mean over the sections of hills and dales of these ranks."""
@@ -198,7 +203,7 @@ class ProfileRow:
                 f"largest of {n} sections"
                 if self.old is not None
                 else (
-                    f"largest in a window of one section length, {format_length(e.window * e.dx)}, that "
+                    f"largest in a window of one section length, {e.said(e.window * e.step)}, that "
                     "slides over the evaluation length"
                 )
             )
@@ -237,7 +242,7 @@ ROWS = (
     ProfileRow("c", "c", "m", "mean height of the profile elements", "field", "ISO 4287:1997, 4.1.4",
          lambda w: _mean_of_elements(w, lambda e: e.mean_height)),
     ProfileRow("Sm", "sm", "m", "mean width of the profile elements", "field", "ISO 4287:1997, 4.3.1",
-         lambda w: _mean_of_elements(w, lambda e: e.mean_spacing)),
+         lambda w: _mean_of_elements(w.lateral, lambda e: e.mean_spacing)),
     ProfileRow("dq", "dq", "1", "root mean square gradient, 7-point", "field", "ISO 4287:1997, 4.4.1",
          lambda w: w.gradient(lambda g: float(np.sqrt(np.mean(g * g))))),
     ProfileRow(None, "da", "1", "mean absolute gradient, 7-point", "field", "",
@@ -283,12 +288,12 @@ ROWS = (
          lambda w: w.curve.void_volume(PEAK) - w.curve.void_volume(VALLEY)),
     ProfileRow(None, "vvv", "m", "valley void volume per area, Vv(80 %)", "whole", "",
          lambda w: w.curve.void_volume(VALLEY)),
-    ProfileRow(None, "pd", "1/m", "density of significant peaks", "whole", "", "peaks.density"),
-    ProfileRow(None, "vd", "1/m", "density of significant pits", "whole", "", "pits.density"),
+    ProfileRow(None, "pd", "1/m", "density of significant peaks", "whole", "", "lateral.peaks.density"),
+    ProfileRow(None, "vd", "1/m", "density of significant pits", "whole", "", "lateral.pits.density"),
     ProfileRow(None, "mpc", "1/m", "mean curvature of the significant peaks", "whole", "",
-         "peaks.curvature"),
+         "lateral.peaks.curvature"),
     ProfileRow(None, "mvc", "1/m", "mean curvature of the significant pits, positive", "whole", "",
-         "pits.curvature"),
+         "lateral.pits.curvature"),
     ProfileRow(None, "5p", "m", "mean height of the five highest significant peaks", "whole", "",
          "peaks.five"),
     ProfileRow(None, "5v", "m", "mean depth of the five deepest significant pits", "whole", "",

@@ -72,7 +72,8 @@ Target = Profile | Surface | Sampling | tuple[int, ...]
 def sampling_of(target: Target) -> Sampling:
     """Return the shape and the steps of an object."""
     if isinstance(target, Profile):
-        return Sampling((len(target),), (target.dx if target.is_uniform else None,))
+        known = target.is_uniform and target.lateral_unit == "m"
+        return Sampling((len(target),), (target.dx if known else None,))
     if isinstance(target, Surface):
         return Sampling(target.shape, (target.dy, target.dx))
     if isinstance(target, Sampling):

@@ -282,9 +282,9 @@ def _settings(e: Evaluation, kind: str, *, centre: bool, line: str) -> dict[str,
     return {
         "kind": kind,
         "sections": len(e.parts),
-        "section_length_m": float(e.section_lengths.mean()),
-        "evaluation_length_m": e.whole.size * e.dx,
-        "dx_m": e.dx,
+        f"section_length_{e.unit}": float(e.section_lengths.mean()),
+        f"evaluation_length_{e.unit}": e.whole.size * e.step,
+        f"dx_{e.unit}": e.step,
         "centre": centre,
         "line": line,
         "height_threshold": HEIGHT_THRESHOLD,
@@ -344,6 +344,8 @@ def _notes(
 
 def _cutoff_note(profile: Profile, e: Evaluation, kind: str) -> list[str]:
     """Return a note where the sections are not those of the cut-off (nor of lambda_f for W)."""
+    if e.unit != "m":
+        return []
     used = float(e.section_lengths.mean())
     names = ("lambda_c_m", "lambda_f_m") if kind == "W" else ("lambda_c_m",)
     cutoffs = [c for c in map(profile.metadata.get, names) if isinstance(c, float) and c > 0.0]

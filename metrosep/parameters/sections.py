@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import count, positive, without_rounding
 from metrosep.core.profile import Profile
+from metrosep.core.units import Pixels, format_length
 from metrosep.filters._arguments import SHORTFALL
 from metrosep.parameters.table import check_range
 
@@ -102,7 +104,8 @@ class Evaluation:
     whole: FloatArray  # shape (n,), m: heights over the evaluation length; NaN where not measured
     parts: tuple[FloatArray, ...]  # of ndarray, m: heights of each section
     slices: tuple[slice, ...]  # of slice: where the sections lie
-    dx: float  # m: step
+    step: float  # in the unit of x
+    unit: Literal["m", "px"]  # of x and step
     by_section: bool  # true for ISO 4287:1997: field parameters are means of section values
     amplitude: Amplitudes  # of the whole evaluation length
     # of the sections; empty where one of several sections is valid in less than half
@@ -114,7 +117,6 @@ class Evaluation:
         kept = trim(profile.z)
         x, z = profile.x[kept], profile.z[kept]
         check_range(float(np.nanmin(z)), float(np.nanmax(z)))
-        dx = profile.dx
         slices = section_slices(z.size, sections)
         whole = z - np.nanmean(z) if centre else z
         parts = tuple(
@@ -127,11 +129,23 @@ class Evaluation:
             whole=whole,
             parts=parts,
             slices=slices,
-            dx=dx,
+            step=profile.step,
+            unit=profile.lateral_unit,
             by_section=by_section,
             amplitude=amplitudes(whole),
             section_amplitudes=tuple(amplitudes(p) for p in parts) if full else (),
         )
+
+    @property
+    def dx(self) -> float:
+        """Step, m; refused where x counts pixels."""
+        if self.unit != "m":
+            raise DataError("x of the profile counts pixels; give the map its lateral_step")
+        return self.step
+
+    def said(self, along: float) -> str:
+        """Return a length along x with its unit."""
+        return format_length(along if self.unit == "m" else Pixels(along))
 
     @property
     def positions(self) -> tuple[FloatArray, ...]:
@@ -140,8 +154,8 @@ class Evaluation:
 
     @property
     def section_lengths(self) -> NDArray[np.float64]:
-        """Length of each section, samples times step, m."""
-        return np.array([p.size for p in self.parts]) * self.dx
+        """Length of each section, samples times step, in the unit of x."""
+        return np.array([p.size for p in self.parts]) * self.step
 
     @property
     def valid_counts(self) -> tuple[int, ...]:

@@ -404,6 +404,7 @@ def _shared(runs: list[Profile]) -> tuple[Curves, tuple[float, float]]:
     for i, run in enumerate(runs):
         if not isinstance(run, Profile):
             raise DataError(f"run {i} is a {type(run).__name__}; pass Profiles")
+        run.require_metres()
         valid = ~np.isnan(run.z)
         if valid.sum() < 3:
             raise TooFewSamplesError(f"run {i} has {int(valid.sum())} valid samples, needs 3")

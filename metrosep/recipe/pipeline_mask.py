@@ -126,6 +126,7 @@ def _positions(
     if isinstance(obj, Profile):
         if pixels:
             raise DataError('px are pixels of a map, and this is a profile: give a length, "5 mm"')
+        obj.require_metres()
         return obj.x, np.zeros(1)
     (x0, y0), (dx, dy) = (0.0, 0.0), (1.0, 1.0)
     if not pixels:

@@ -380,6 +380,8 @@ def curves(
         return list(items), None, ()
     if len(profiles) != len(items):
         raise DataError(f"{what}: give all readings as profiles, or all as arrays, not mixed")
+    for profile in profiles:
+        profile.require_metres()
     first = profiles[0]
     step = abs(float(np.ptp(first.x))) / max(len(first) - 1, 1)
     for i, other in enumerate(profiles[1:], start=2):

@@ -168,6 +168,8 @@ def _curves(cls: type[Method], data: Any, own: Mapping[str, Any]) -> Readings:
     else:
         curves = list(data)
     if curves and all(isinstance(c, Profile) for c in curves):
+        for curve in curves:
+            curve.require_metres()
         position = curves[0].x
         if any(c.x.shape != position.shape or np.any(c.x != position) for c in curves):
             raise InvalidSamplesError(f"{cls.name}: the profiles have different positions")

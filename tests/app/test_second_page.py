@@ -312,7 +312,7 @@ def test_a_step_that_fails_is_said_in_the_words_of_the_page(part):
 
     assert failed["index"] == 3
     assert "refilter = true does it all the same" in str(told.value)
-    assert "refilter true does it all the same" in failed["message"]
+    assert "refilter = true does it all the same" in failed["message"]
     assert "Python" not in failed["message"]
     assert shown["failed"] == 3  # the map before it, and the page says which step failed
     assert page_words(str(told.value)).endswith(failed["message"])

@@ -45,13 +45,13 @@ def test_letters_that_turn_a_sentence_are_shown_as_marks():
 def test_the_name_of_a_file_is_no_grammar(name):
     assert page_words(f"{name}: there is no such file") == f"{name}: there is no such file"
     said = f"write n = 3, {name} has none"
-    assert page_words(said, [name]) == f"write n 3, {name} has none"
-    assert page_words(said, [f"/some/where/{name}"]) == f"write n 3, {name} has none"
+    assert page_words(said, [name]) == f"write n = 3, {name} has none"
+    assert page_words(said, [f"/some/where/{name}"]) == f"write n = 3, {name} has none"
 
 
 def test_names_without_blanks_stay_also_where_nobody_names_them():
     said = "the session of part_v=2.x3p is not that of a=1/b.csv; give unit = 'um'"
-    kept = "the session of part_v=2.x3p is not that of a=1/b.csv; give unit um"
+    kept = "the session of part_v=2.x3p is not that of a=1/b.csv; give unit “um”"
     assert page_words(said) == kept
 
 
@@ -67,15 +67,29 @@ def test_the_line_of_a_recipe_goes_with_its_whole_name():
 @pytest.mark.parametrize(
     ("said", "kept"),
     [
-        ("column 'v=2' has no unit; give unit='um'", "column 'v=2' has no unit; give unit um"),
+        ("column 'v=2' has no unit; give unit='um'", "column 'v=2' has no unit; give unit “um”"),
         ("found 'pos_x=3', 'F = 100 mm/min' and 'z'", "found 'pos_x=3', 'F = 100 mm/min' and 'z'"),
-        ("say x='v=2' or x = 'z_um'", "say x v=2 or x z_um"),
-        ("missing='(1)' and 'a=1' are odd", "missing (1) and 'a=1' are odd"),
+        ("say x='v=2' or x = 'z_um'", "say x “v=2” or x “z_um”"),
+        ("missing='(1)' and 'a=1' are odd", "missing “(1)” and 'a=1' are odd"),
         ("column \"Müller's v=2\" in 'a=1/b.csv'", "column \"Müller's v=2\" in 'a=1/b.csv'"),
         ("'part 7' is not 'q=1'", "'part 7' is not 'q=1'"),
     ],
 )
 def test_what_a_message_quotes_is_the_word_of_a_file(said, kept):
+    assert page_words(said) == kept
+
+
+@pytest.mark.parametrize(
+    ("said", "kept"),
+    [
+        ('r.toml:4: a = "abc": a point has x and y', "a “abc”: a point has x and y"),
+        ("accept averaging with min_feeds=1", "accept averaging with min feeds = 1"),
+        ("a window_rows = -2 is none", "a window rows = -2 is none"),
+        ('give lateral_step = "3 um" or "-3 um"', 'give lateral step 3 um or "-3 um"'),
+        ('spare = "" is empty', "spare “” is empty"),
+    ],
+)
+def test_a_value_that_was_typed_is_kept_apart_from_its_key(said, kept):
     assert page_words(said) == kept
 
 
@@ -85,7 +99,7 @@ def test_limits_of_a_band_have_one_name_each():
 
 
 def test_a_short_name_leaves_words_whole():
-    assert page_words("write radius = 3 to a", ["a", "r"]) == "write radius 3 to a"
+    assert page_words("write radius = 3 to a", ["a", "r"]) == "write radius = 3 to a"
 
 
 def test_a_frame_byte_by_byte():

@@ -83,6 +83,39 @@ def test_profile_is_the_same(there_and_back):
     np.testing.assert_array_equal(bits(obj.z), bits(written.z))
 
 
+@pytest.mark.parametrize(
+    "empty",
+    [
+        ms.Surface(np.full((3, 5), np.nan), 1e-6, 2e-6),
+        ms.Profile([0.0, 0.1, 0.3], [np.nan] * 3),
+    ],
+)
+def test_heights_that_are_all_missing_are_refused_when_they_are_written(empty, tmp_path):
+    path = tmp_path / "empty.h5"
+    with pytest.raises(ms.errors.WriteError) as caught:
+        ms.write(empty, path)
+    assert str(caught.value) == (
+        f"{path}: nothing was measured, so there is nothing to write as HDF5"
+    )
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    "full",
+    [ms.Surface(np.zeros((3, 5)), 1e-6, 2e-6), ms.Profile([0.0, 0.1, 0.3], [0.0] * 3)],
+)
+def test_a_file_of_heights_that_are_all_missing_says_so(full, tmp_path, capsys):
+    path = tmp_path / "empty.h5"
+    ms.write(full, path)
+    with h5py.File(path, "r+") as handle:
+        handle["z"][...] = np.nan
+    with pytest.raises(SystemExit):
+        main(["measure", str(path)])
+    assert capsys.readouterr().err == (
+        f"error: {path}: no point was measured; write the object again from before it was masked\n"
+    )
+
+
 def test_recording_is_the_same(there_and_back):
     channels = {"gap/left": [1e-9, np.nan, 3.0], "a": [1.0, 2.0, -0.0], "\u03b8": [0.1, 0.2, 0.3]}
     written = ms.Recording([0.0, 0.1, 0.3], channels, units={"gap/left": "m", "a": ""})

@@ -544,6 +544,7 @@ def _error_lookup(
         }
         return _bilinear(error), _bilinear(error, hold=True), audit, min(error.dx, error.dy), True
     if isinstance(error, Profile):
+        error.require_metres()
         x, z = np.asarray(error.x), np.asarray(error.z)
         good = np.isfinite(z)
         if np.count_nonzero(good) < 2:

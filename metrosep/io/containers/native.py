@@ -148,8 +148,10 @@ def _surface(stored: _Stored, metadata: dict[str, Any], history: tuple[Step, ...
     stored.demand_one()
     z = stored.numbers("/z")
     file = stored.file
-    if z.ndim != 2 or np.isnan(z).all():
-        raise file.corrupt("the map has no heights", field="z", found=z.shape)
+    if z.ndim != 2:
+        raise file.corrupt("the heights are not rows of a map", field="z", found=z.shape)
+    if np.isnan(z).all():
+        raise _empty(file)
     attributes = stored.handle.attributes("/z")
     origin = attributes.get("origin_m", [0.0, 0.0])
     own = (attributes.get("dx_m"), attributes.get("dy_m"))
@@ -174,8 +176,14 @@ def _profile(stored: _Stored, metadata: dict[str, Any], history: tuple[Step, ...
     stored.demand_one("a profile with its own positions")
     x, z = (stored.numbers(n) for n in ("/x", "/z"))
     if np.isnan(z).all():
-        raise stored.file.corrupt("no point was measured", field="z")
+        raise _empty(stored.file)
     return Profile(x, z, metadata=metadata, history=history)
+
+
+def _empty(file: RawFile) -> ReadError:
+    return file.corrupt(
+        "no point was measured", hint="write the object again from before it was masked"
+    )
 
 
 def _recording(stored: _Stored, metadata: dict[str, Any], history: tuple[Step, ...]) -> Recording:
@@ -245,7 +253,9 @@ LAYOUT_VERSION = 1
 
 
 def native_bytes(obj: Surface | Profile | Recording | RunSet) -> bytes:
-    """Return an object as the content of an HDF5 file."""
+    """Return an object as the content of an HDF5 file; what no reader takes, heights all missing, is refused."""
+    if isinstance(obj, Surface | Profile) and np.isnan(obj.z).all():
+        raise WriteError("nothing was measured, so there is nothing to write as HDF5")
     import h5py
 
     stream = io.BytesIO()

@@ -440,6 +440,8 @@ def _of_profiles(
             f"{what}: give all probes as profiles over the carriage positions, without x, or all as "
             "arrays"
         )
+    for p in m:
+        p.require_metres()
     first = m[0]
     for i, p in enumerate(m[1:], start=2):
         if len(p) != len(first) or np.abs(p.x - first.x).max() > 1e-6 * float(np.ptp(first.x)):

@@ -240,6 +240,7 @@ def _as_profile(profile: Profile | ArrayLike, z: ArrayLike | None) -> Profile:
     if isinstance(profile, Profile):
         if z is not None:
             raise DataError("a Profile holds its own deviations: leave z out")
+        profile.require_metres()
         return profile
     if z is None:
         raise DataError("positions alone were given; pass z, or a Profile")

@@ -351,6 +351,7 @@ def _sampled(
         raise DataError(
             f"along_{axis} must be an ErrorEstimate or a Profile, got {type(item).__name__}"
         )
+    item.require_metres()
     if len(item) < 2:
         raise TooFewSamplesError(f"along_{axis} has {len(item)} sample; an axis needs two")
     grid = _grid(float(item.x[0]), float(item.x[-1]), step, axis)

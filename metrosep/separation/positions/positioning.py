@@ -219,6 +219,7 @@ def positions_from_profiles(
     for i, run in enumerate(runs):
         if not isinstance(run, Profile):
             raise InvalidSamplesError(f"run {i} is a {type(run).__name__}; pass profiles")
+        run.require_metres()
         same = run.x.shape == runs[0].x.shape
         if not same or float(np.abs(run.x - runs[0].x).max()) > 1e-9 * float(np.ptp(run.x)):
             raise InvalidSamplesError(
