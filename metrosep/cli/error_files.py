@@ -15,7 +15,11 @@ __all__ = ["terms_of"]
 def terms_of(
     files: Sequence[str], kinds: Mapping[str, str]
 ) -> tuple[Any, dict[str, tuple[float, float]]]:
-    """Return the error terms of files, and how far each axis is known by all of its terms."""
+    """Return the error terms of files, and how far each axis is known by all of its terms.
+
+    What the reader of a table warns of is printed.
+    """
+    from metrosep.cli.options import say
     from metrosep.io.term_files import read_term_table
     from metrosep.machine.elements import axis_of
     from metrosep.machine.error_sets import ErrorSet
@@ -24,7 +28,11 @@ def terms_of(
     spreads: dict[str, str] = {}
     known: dict[str, list[tuple[float, float]]] = {}
     for file in _term_files(files):
-        read = _of_toml(file, spreads) if file.endswith(".toml") else read_term_table(file, kinds)
+        notes: list[str] = []
+        is_list = file.endswith(".toml")
+        read = _of_toml(file, spreads) if is_list else read_term_table(file, kinds, notes)
+        for note in notes:
+            say(f"note: {note}")
         for name, (value, span) in read.items():
             if name in values:
                 raise click.UsageError(f"{file}: {name} is given twice")

@@ -82,6 +82,8 @@ class CompensationMap(Corrections, PublicObject):
     source : ErrorMap or None
         The error it was made of, between the nodes too, for a dry-run where no measurement is at
         hand.
+    notes : tuple of str
+        What a user should know about how it was made; `limits` warns of it.
 
     Raises
     ------
@@ -115,6 +117,7 @@ class CompensationMap(Corrections, PublicObject):
     source_sha256: tuple[str, ...] = ()
     history: tuple[Step, ...] = ()
     source: ErrorMap | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         axes = _checked_axes(self.axes)
@@ -298,6 +301,7 @@ class CompensationMap(Corrections, PublicObject):
                 Step("map", {**given, "reference_si": list(sampled.reference)}),
             ),
             source=sampled.source,
+            notes=(sampled.missed,) if sampled.missed else (),
         )
 
     def correction(self, x: ArrayLike, y: ArrayLike, direction: int = 1) -> FloatArray:
@@ -379,6 +383,7 @@ class CompensationMap(Corrections, PublicObject):
         if all(a <= r <= b for r, (a, b) in zip(self.reference, self.span, strict=True)):
             there = float(self.correction(*self.reference)[0])
             findings += reference_finding(there, self._reference_text())
+        findings += tuple(Finding.warning(note, "", "coverage") for note in self.notes)
         return (*findings, *coarse_finding(self.interpolation_error, self.values, "map"))
 
     def verify(
@@ -446,6 +451,7 @@ class CompensationMap(Corrections, PublicObject):
             "interpolation_error_m": self.interpolation_error,
             "exact_inverse": self.is_exact_inverse,
             "not_in_map": self.removed,
+            **({"notes": list(self.notes)} if self.notes else {}),
             "source_sha256": list(self.source_sha256),
             "history": history_as_dicts(self.history),
         }

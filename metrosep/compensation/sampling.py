@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, SupportsIndex
 
@@ -23,6 +23,7 @@ from metrosep.compensation.area_errors import (
     column,
     ends_along,
     format_position,
+    format_range,
     is_rotary,
     rising,
 )
@@ -328,12 +329,41 @@ def beyond_entries(error: ErrorSource, sampled: SampledError, axis: str) -> str:
         for x, at in zip(left, (-1, 0), strict=True)
     )
     whole = max(float(np.ptp(f(np.linspace(*span, 257)))) for f in columns)
-    if missed < _SHORT * whole:
+    spans = (ends_along(axis, *ends) for ends in (p[[0, -1]].tolist(), span))
+    return _short_of(missed, whole, *spans)
+
+
+def _short_of(missed: float, whole: float, reached: str, known: str) -> str:
+    """Return what stays of an error beyond the entries, as a sentence; nothing where it is little."""
+    if not missed >= _SHORT * whole or missed == 0.0:
         return ""
-    known, reached = (ends_along(axis, *ends) for ends in (span, p[[0, -1]].tolist()))
     return (
         f"the entries reach over {reached}, the error is known over {known}: beyond the entries up to "
         f"{missed / whole:.0%} of it stays; use a finer spacing"
+    )
+
+
+def _beyond_nodes(error: AreaFunction, sampled: SampledArea, axes: tuple[str, str]) -> str:
+    """Return the same of a map: what its nodes do not reach of an error that was measured."""
+    if not isinstance(error, ErrorMap):
+        return ""
+    nodes = (sampled.x, sampled.y)
+    held_x, held_y = (
+        np.clip(k, p[0], p[-1]) for k, p in zip((error.x, error.y), nodes, strict=True)
+    )
+    row, column_ = np.nonzero((held_x != error.x) | (held_y != error.y)[:, None])
+    left = error.values[row, column_] - error(held_x[column_], held_y[row])
+    left = np.abs(left[np.isfinite(left)])
+    if not left.size:
+        return ""
+    spans = (
+        " and ".join(
+            format_range(a, *p[[0, -1]].tolist()) for a, p in zip(axes, grid, strict=True)
+        )
+        for grid in (nodes, (error.x, error.y))
+    )
+    return _short_of(
+        float(left.max()), float(np.ptp(error.values[np.isfinite(error.values)])), *spans
     )
 
 
@@ -544,6 +574,9 @@ class SampledArea:
     # m: largest deviation of the bilinear interpolation between the nodes from the error
     interpolation_error: float
     source: ErrorMap  # the error at and between the nodes, offset included
+    missed: str = (
+        ""  # how much of the error lies beyond nodes whose spacing was given, as a sentence
+    )
 
 
 def grid_positions(
@@ -610,7 +643,7 @@ def sample_area(
         inside_y = np.clip(py, *_limits(rows, function, 1))
         return function(inside_x, inside_y) - offset
 
-    return SampledArea(
+    made = SampledArea(
         x=columns,
         y=rows,
         values=nodes - offset,
@@ -620,6 +653,9 @@ def sample_area(
         interpolation_error=float(np.abs(looked - between).max()),
         source=ErrorMap(dense_x, dense_y, looked, tuple(getattr(error, "history", ()))),
     )
+    if not any(isinstance(p, str) for p in given):
+        return made
+    return replace(made, missed=_beyond_nodes(function, made, axes))
 
 
 def inverse_along(error: AreaFunction, x: FloatArray, y: FloatArray, along: int) -> FloatArray:

@@ -11,6 +11,7 @@ the sum 0.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -89,8 +90,8 @@ _BLOCKS_PER_MINUTE = 7500.0
 _PARAMETERS = {
     "number": 3620, "first": 3621, "last": 3622, "magnification": 3623, "steps": 3624
 }  # fmt: skip
-_TURN, _BACK, _LOST = 3625, 3626, 3627
-"""Travel of one turn; first point of the list for travel in - direction; lost motion at the reference."""
+_WAYS, _TURN, _BACK, _LOST = 3605, 3625, 3626, 3627
+"""Bit 0: a list for each direction; travel of one turn; first point of the list for travel in - direction; lost motion at the reference."""
 _MOST_LOST = 32767
 """Largest lost motion in detection units: what two bytes hold; its range is not in what could be read."""
 _LEAST = {False: 1e-6, True: math.radians(1e-3)}
@@ -111,7 +112,13 @@ def _head(unit: str, word: Word) -> Line:
 
 
 _HEAD, _HEAD_TURNS = _head("MM", MM), _head("DEG", DEG)
-_PARAMETER = Line("N{number}A{axis}P{value}", value=INTEGER)
+_OF_AXES = Word(
+    r"(?:A\d{1,2}P-?\d{1,9})+",
+    lambda text: {int(a): int(v) for a, v in re.findall(r"A(\d+)P(-?\d+)", text)},
+    lambda values: "".join(f"A{a}P{v}" for a, v in values.items()),
+)
+_PARAMETER = Line("N{number}{values}", values=_OF_AXES)
+"""A parameter; the output of a control has all axes in a line, with or without blanks between them."""
 ENTRY = Line("N{number}P{value}", value=INTEGER)
 
 
@@ -255,7 +262,7 @@ class Fanuc(Repeating, Resampling):
             errors.append(error)
         lines = [
             *(
-                _PARAMETER.write(number=p, axis=o["axis_number"], value=v)
+                _PARAMETER.write(number=p, values={o["axis_number"]: v})
                 for p, v in parameters.items()
             ),
             *(ENTRY.write(number=_POINT + n, value=v) for n, v in sorted(points.items())),
@@ -276,7 +283,7 @@ class Fanuc(Repeating, Resampling):
     ) -> tuple[CompensationTable, bool]:
         """Return the cumulative corrections, and whether they repeat after a turn."""
         text, head, kind = opened_file(data, path, _HEAD, _HEAD_TURNS)
-        words, axis = _words(text)
+        words, axis = _words(text, options.get("axis_number"))
         require_axis_number(path, "axis_number", options.get("axis_number"), axis)
         number, first, last, magnification, steps = (words[p] for p in _PARAMETERS.values())
         turn = _TURN in words
@@ -410,31 +417,72 @@ def _reminders(
         )
 
 
-def _words(text: Text) -> tuple[dict[int, int], int]:
-    """Return the value of each number, and the axis of the parameters."""
-    words: dict[int, int] = {}
-    axes: set[int] = set()
-    parameters = {*_PARAMETERS.values(), _TURN, _BACK, _LOST}
+def _words(text: Text, wanted: int | None) -> tuple[dict[int, int], int]:
+    """Return the value of each number, and the axis of the parameters; of several axes one is wanted."""
+    entries: dict[int, int] = {}
+    of_axes: dict[int, dict[int, int]] = {}
+    known = {*_PARAMETERS.values(), _TURN, _BACK, _LOST}
+    points = range(_POINT, _POINT + LAST_NUMBER + 1)
+    is_output = any(
+        len((_PARAMETER.read("".join(code.split())) or {"values": ()})["values"]) > 1
+        for _, code in text.rows
+    )
     while text:
-        code = text.rows[text.at][1]
+        code = "".join(text.rows[text.at][1].split()) if is_output else text.rows[text.at][1]
         found = _PARAMETER.read(code)
         entry = ENTRY.read(code) if found is None else None
         number = (found or entry or {"number": -1})["number"]
-        known = parameters if found else range(_POINT, _POINT + LAST_NUMBER + 1)
-        if number not in known or number in words:
+        is_own = number in (known if found else points)
+        if number in of_axes or number in entries or not (is_own or (is_output and number >= 0)):
             raise text.wrong("one N...P... a line, as the control outputs it, each number once")
-        words[number] = (found or entry or {})["value"]
-        axes |= {found["axis"]} if found else set()
+        if found:
+            of_axes[number] = found["values"]
+        elif entry and is_own:
+            entries[number] = entry["value"]
         text.at += 1
-    needed = [*_PARAMETERS.values(), *((_BACK, _LOST) if {_BACK, _LOST} & {*words} else ())]
-    missing = [p for p in needed if p not in words]
-    if missing or len(axes) != 1:
+    axes = {a for n, values in of_axes.items() if n in known for a in values}
+    if len(axes) > 1 and (wanted not in axes or not is_output):
         raise CorruptFileError(
             text.path,
-            f"parameter {missing[0]} is missing" if missing else "parameters of several axes",
+            "parameters of several axes",
+            found=", ".join(f"A{a}" for a in sorted(axes)),
+            hint="give axis_number= of the axis that the table corrects"
+            if is_output
+            else "the file must hold 3620 to 3624 of one axis, and 3626 with 3627 or neither",
+        )
+    axis = wanted if wanted is not None and wanted in axes else min(axes, default=0)
+    words = {n: values[axis] for n, values in of_axes.items() if n in known and axis in values}
+    if is_output:
+        words = _of_output(words, entries, of_axes.get(_WAYS, {}).get(axis))
+    else:
+        words |= entries
+    needed = [*_PARAMETERS.values(), *((_BACK, _LOST) if {_BACK, _LOST} & {*words} else ())]
+    missing = [p for p in needed if p not in words]
+    if missing:
+        raise CorruptFileError(
+            text.path,
+            f"parameter {missing[0]} is missing",
             hint="the file must hold 3620 to 3624 of one axis, and 3626 with 3627 or neither",
         )
-    return words, axes.pop()
+    return words, axis
+
+
+def _of_output(
+    words: Mapping[int, int], entries: Mapping[int, int], ways: int | None
+) -> dict[int, int]:
+    """Return the words of one axis of an output, which also holds what does not act, and points of others."""
+    found = dict(words)
+    if not found.get(_TURN):
+        found.pop(_TURN, None)
+    has_ways = ways % 10 == 1 if ways is not None else bool(found.get(_BACK) or found.get(_LOST))
+    if not has_ways:
+        found.pop(_BACK, None)
+        found.pop(_LOST, None)
+    first, last = (found.get(_PARAMETERS[n], 0) for n in ("first", "last"))
+    for start in (first, *([found[_BACK]] if _BACK in found else ())):
+        points = range(_POINT + start, _POINT + start + last - first + 1)
+        found |= {n: entries[n] for n in points if n in entries}
+    return found
 
 
 def _lists(

@@ -109,6 +109,8 @@ _LAYOUTS = {False: _layout(mm_value), True: _layout(deg_value)}
 _NOTE = "(* metrosep: correction -e in {unit}, additive to the set position *)"
 _REVERSE = "Reverse"
 """What is appended to the name of the variable for travel in - direction."""
+_BETWEEN = re.compile(r"(?<=:= \[)\s*(?=\()|(?<=\),)\s*(?=\()|(?<=\))\s*(?=\];)")
+"""Where a person, or a tool, need not begin a new line."""
 _COMMENT = re.compile(r"\(\* [^*()]* \*\)")
 
 
@@ -212,7 +214,9 @@ class TwinCAT(Repeating, Resampling):
     ) -> tuple[CompensationTable, bool]:
         """Return the table of one or of both directions, and whether it repeats."""
         lines = enumerate(ascii_lines(data, path, "ST table of TwinCAT"), start=1)
-        rows = [(i, line.strip()) for i, line in lines]
+        rows = [
+            (i, row.strip()) for i, line in lines for row in _BETWEEN.sub("\n", line).split("\n")
+        ]
         notes = [row[1] for row in rows if _COMMENT.fullmatch(row[1])]
         rows = [row for row in rows if row[1] and not _COMMENT.fullmatch(row[1])]
         text = Text(path, rows, "ST table of TwinCAT")

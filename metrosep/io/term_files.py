@@ -39,7 +39,7 @@ _U = "u_"
 
 
 def read_term_table(
-    file: str | os.PathLike[str], kinds: Mapping[str, str]
+    file: str | os.PathLike[str], kinds: Mapping[str, str], notes: list[str] | None = None
 ) -> dict[str, tuple[TableTerm, tuple[float, float]]]:
     """Return the terms of one axis from a text file, whose columns state names and units.
 
@@ -50,6 +50,8 @@ def read_term_table(
         decimal mark and encoding are found; the places rise or fall.
     kinds : mapping of str to {"length", "angle"}
         What the positions of each axis of the machine are.
+    notes : list of str, optional
+        Takes what the reader warns of: rows that are commented out, lines behind the table.
 
     Returns
     -------
@@ -72,6 +74,8 @@ def read_term_table(
         raise DataError(
             f"{file}: holds no table of errors: a line of names and two rows are needed"
         )
+    if notes is not None:
+        notes += [f"{file}: {text}" for text in table.warnings]
     axes = {a.lower(): a for a in kinds}
     columns: dict[str, FloatArray] = {}
     axis = ""

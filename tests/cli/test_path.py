@@ -380,8 +380,40 @@ def test_the_error_is_taken_where_the_nose_touches_the_part(
     assert "--nose" in err
     assert "--form" in err
     assert np.ptp(plain) > 300e-6
-    wrong, _ = left("--nose", f"{RN} mm", "--form", f"sphere: R={-radius} mm", out="wrong.nc")
-    assert np.ptp(wrong) > 600e-6
+    for r_form, hint in ((-radius, "opposite sign fits"), (1.2 * radius, "another part")):
+        form = f"sphere: R={r_form} mm"
+        code, _, err = call(*words, "--nose", f"{RN} mm", "--form", form, "-o", "wrong.nc")
+        assert code == 2, err
+        assert "spiral.nc: half of its blocks stand more than" in err
+        assert hint in err
+        assert not (tmp_path / "wrong.nc").exists()
+
+
+@pytest.mark.parametrize("points", [False, True], ids=["program", "list"])
+def test_passes_lead_ins_and_a_former_correction_are_no_other_form(call, tmp_path, points):
+    """Three passes with an allowance, each led in and out by G1, and 30 um of a correction that was made before."""
+    _, c, x, z = turned("dome", centre=False)
+    rows, lines = [], ["G21 G90 G94"]
+    for allowance in (0.0,) if points else (0.2, 0.05, 0.0):
+        lines += [f"G0 X{x[0] + 1:.6f} C0.0", f"Z{z[0] + 2:.6f}", "G1 F20"]
+        lines += [f"X{x[0] + 0.5:.6f} Z{z[0] + 1:.6f}"]
+        for a, b, h in zip(x[::5], c[::5], z[::5], strict=True):
+            rows.append(f"{a:.6f},{b:.3f},{h + 0.03 * np.sin(3 * a):.6f}")
+            lines.append(f"X{a:.6f} C{b:.3f} Z{h + allowance + 0.03 * np.sin(3 * a):.6f}")
+        lines += [f"X-0.5 Z{z[-1] + 1:.6f}", "Z5.0"]
+    text = ["X_mm,C_deg,Z_mm", *rows] if points else [*lines, "M30"]
+    (tmp_path / "in.nc").write_text("\n".join(text) + "\n")
+    words = ["in.nc", "--error", "error.x3p", "--c-sense", "+1", "--nose", f"{RN} mm"]
+    words += ["--points"] if points else ["--radius", "--outside", "hold"]
+    right, wrong = (["--form", f"sphere: R={s * RS} mm"] for s in (-1, 1))
+    code, _, err = call(*words, *right, "-o", "out.nc")
+    assert code == 2, "a path with 30 um in it bears no mark"
+    assert "another part" in err
+    code, _, err = call(*words, *right, "--again", "-o", "out.nc")
+    assert code == 0, err
+    code, _, err = call(*words, *wrong, "--again", "-o", "wrong.nc")
+    assert code == 2
+    assert "opposite sign fits" in err
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shlex
 
 import numpy as np
@@ -795,3 +796,87 @@ def test_check_of_a_german_list_prints_the_command_that_makes_its_table(tmp_path
     for way in (1, -1):
         left = [reached(t, way, trim) - t for t in TARGETS]
         assert np.ptp(left) < 10 * LEFT  # the scatter of three readings of 50 nm, at 16 targets
+
+
+def laser_of_a_known_error(path):
+    """Write readings of 1.5 um sin(p/60) + 10 um/m p, and return the targets and that error in um."""
+    p = np.arange(0, 401, 50)
+    error, rng = 1.5 * np.sin(p / 60) + p / 100, np.random.default_rng(31)
+    lines = ["cycle;way;target_mm;deviation_um"]
+    for k in range(5):
+        for way, order in (("up", range(9)), ("down", range(8, -1, -1))):
+            noise = rng.normal(0, 0.005, 9)
+            lines += [f"{k};{way};{p[i]};{error[i] + noise[i]:.4f}" for i in order]
+    path.write_text("\n".join(lines) + "\n")
+    return p, error
+
+
+DUMP = """\
+%
+N0020P4
+N3605A1P00000000A2P00000000
+N3620 A1 P10 A2 P60
+N3621A1P10A2P60
+N3622A1P13A2P68
+N3623A1P1A2P1
+N3624A1P50000A2P50000
+N3625A1P0A2P0
+N3626A1P0A2P0
+N3627A1P0A2P0
+"""
+"""What a control outputs of two axes, with parameters that do not act and one of something else."""
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+def test_a_dump_of_several_axes_that_was_active_is_added_to(tmp_path, metrosep, axis):
+    p, error = laser_of_a_known_error(tmp_path / "l.csv")
+    own = {1: (5, -4, 3, -2), 2: (0, 3, -2, 1, 4, -5, 2, 1, -1)}
+    first = {1: 10, 2: 60}
+    lines = [f"N{10000 + first[a] + k}P{v}" for a in own for k, v in enumerate(own[a])]
+    old, new = tmp_path / "old.txt", tmp_path / "new.txt"
+    old.write_text(DUMP + "\n".join([*lines, "%"]) + "\n")
+    facts = ["detection_unit=100 nm", "increment=1 um", "largest=127", "entry_sign=-1"]
+    facts += ["reference_position=0 mm", f"axis_number={axis}", f"reference_number={first[axis]}"]
+    machine = [w for f in facts for w in ("--machine", f)]
+    more = ["--format", "fanuc", *machine, "--sign-confirmed", "--spacing", "50 mm"]
+    more += ["--already-corrected", "--active", old, "-o", new]
+    code, _, told = metrosep("table", tmp_path / "l.csv", *NAMES, *SENSE, *more)
+    assert code == 0, told
+    text = new.read_text()
+    assert f"N3620A{axis}P{first[axis]}\n" in text
+    entries = {
+        int(n) - 10000: int(v) for n, v in re.findall(r"^N(1\d{4})P(-?\d+)$", text, re.MULTILINE)
+    }
+    # point 3620 + 1 is the section above the reference; units of 0.1 um, steps of 50 mm
+    walked = np.cumsum([0, *(entries[first[axis] + k] for k in range(1, 9))])
+    before = np.interp(p, 50.0 * np.arange(len(own[axis])), np.cumsum([0, *own[axis][1:]]))
+    assert np.abs(walked / 10 - (before / 10 - error)).max() < 0.1, "um: one unit"
+
+    code, _, told = metrosep("verify", old, "--against", tmp_path / "l.csv", "--format", "fanuc")
+    assert code != 0
+    assert "A1, A2" in told
+    assert "axis_number=" in told
+
+
+@pytest.mark.parametrize("between", [",\n  ", ", "], ids=["rows", "one line"])
+def test_a_list_of_twincat_that_closes_on_its_last_row_is_added_to(tmp_path, metrosep, between):
+    p, error = laser_of_a_known_error(tmp_path / "l.csv")
+    held = np.array([0, 3, 1, 2, 6, 1, 3, 4, 3]) / 10
+    rows = [
+        f"(Position := {a}.0, Compensation := {c / 1e3:.4f})" for a, c in zip(p, held, strict=True)
+    ]
+    old, new = tmp_path / "old.TcGVL.txt", tmp_path / "new.TcGVL.txt"
+    old.write_text(
+        "VAR_GLOBAL\n  CompTable : ARRAY[1..9] OF ST_PositionCompensationTableElement := ["
+        f"{'' if ' ' in between[:2] else chr(10)}{between.join(rows)}];\n"
+        "  CompTableParameter : ST_PositionCompensationTableParameter := (MinPosition := 0.0, "
+        "MaxPosition := 400.0, NoOfTableElements := 9);\nEND_VAR\n"
+    )
+    more = ["--format", "twincat", "--spacing", "50 mm", "--already-corrected"]
+    more += ["--active", old, "-o", new]
+    code, _, told = metrosep("table", tmp_path / "l.csv", *NAMES, *SENSE, *more)
+    assert code == 0, told
+    found = re.findall(r"Position := (-?[\d.]+), Compensation := (-?[\d.]+)\)", new.read_text())
+    at, c = np.array(found, float).T
+    assert np.array_equal(at, p)
+    assert np.abs(1e3 * c - (held - error)).max() < 0.02, "um: noise of 5 nm, and 4.6 um of shift"

@@ -140,6 +140,26 @@ def test_a_map_for_a_controller_and_back(metrosep, error_map, tmp_path):
     assert code != 0
 
 
+def test_a_map_says_what_lies_beyond_nodes_counted_from_its_zero(metrosep, tmp_path):
+    """Of 3 um, 2 (1 - 0.85^2) + 15/60 = 0.805 um lie beyond X = 85 mm and Y = 45 mm, and less at the other ends."""
+    rows = [
+        f"{x} {y} {2 * (x / 100) ** 2 + y / 60:.9f}" for y in range(61) for x in range(0, 101, 2)
+    ]
+    (tmp_path / "bed.xyz").write_text("\n".join(rows) + "\n")
+    words = ["table", tmp_path / "bed.xyz", "--unit", "mm,mm,um", "--format", "csv-map"]
+    words += ["--spacing", "20 mm", "--out"]
+
+    code, _, err = metrosep(*words, tmp_path / "a.csv", "--reference", "45 mm, 25 mm")
+    assert code == 0, err
+    assert "X = 5 mm ... 85 mm and Y = 5 mm ... 45 mm, the error is known over X = 0 mm" in err
+    assert "beyond the entries up to 27% of it stays" in err
+    told = json.loads((tmp_path / "a.csv.json").read_text())
+    assert any("beyond the entries" in note for note in told["table"]["notes"])
+    code, _, err = metrosep(*words, tmp_path / "b.csv", "--reference", "0 mm, 0 mm")
+    assert code == 0, err
+    assert "beyond the entries" not in err
+
+
 def test_a_file_without_sidecar_needs_its_controller(metrosep, tmp_path, error_map):
     path = tmp_path / "unknown.cal"
     path.write_text("; nothing\n")

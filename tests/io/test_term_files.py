@@ -5,6 +5,8 @@ import tomllib
 import numpy as np
 import pytest
 
+import metrosep as ms
+from metrosep.cli.main import main
 from metrosep.core.errors import DataError, InvalidSamplesError, MetrosepError
 from metrosep.io.term_files import read_term_table, term_texts
 from metrosep.machine.terms import ConstantTerm, TableTerm
@@ -145,3 +147,34 @@ def test_a_place_that_was_not_measured_is_refused_by_its_line(tmp_path):
     (tmp_path / "x.csv").write_text("# of May\nx_mm,EXX_um\n0,0.25\n10,NaN\n20,1\n")
     with pytest.raises(DataError, match=r"x\.csv: line 4, EXX_um was not measured"):
         read_term_table(tmp_path / "x.csv", KINDS)
+
+
+def test_what_the_reader_leaves_out_is_said_where_terms_are_used(tmp_path, monkeypatch, capsys):
+    """A commented row and a mean below: the table is made of three rows, and command and step say so."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "X.csv").write_text("x_mm,EXX_um\n0,0\n#50,9\n100,1.5\n200,1.0\nMean,0.83\n")
+    (tmp_path / "p.csv").write_text("X_mm,Y_mm,Z_mm\n100.0,5.0,0.0\n")
+    words = ["path", "p.csv", "--machine", "mill_xyz", "--error", "X.csv", "-o", "q.csv"]
+    with pytest.raises(SystemExit) as stop:
+        main(words)
+    told = capsys.readouterr().err
+    assert stop.value.code == 0, told
+    assert (tmp_path / "q.csv").read_text().splitlines()[-1].startswith("99.9985")
+    assert "note: X.csv: 1 line(s) (first: line 3) begin with the mark of a comment" in told
+    assert "note: X.csv: line 6 ('Mean,0.83')" in told
+
+    text = """metrosep = 1
+[[step]]
+op = "rank"
+form = "sphere: R=300 mm"
+machine = "fts_lathe"
+radius = "20 mm"
+errors = { EXX = "table X.csv", EYX = "table X.csv" }
+"""
+    (tmp_path / "X.csv").write_text(
+        "x_mm,EXX_um,EYX_um\n-50,0,0\n#50,9,9\n100,1.5,1\n200,1,0\nMean,0.8,0\n"
+    )
+    said = ms.Recipe.parse(text).run(None).document["messages"]
+    marks = [m for m in said if "(first: line 3) begin with the mark of a comment" in m]
+    assert len(marks) == 1, "one file of two terms is warned of once"
+    assert any("line 6 ('Mean,0.8,0')" in m for m in said)

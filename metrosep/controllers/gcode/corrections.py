@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers.gcode.contact import Lookup, NosePath, RadialForm
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
@@ -37,8 +38,6 @@ __all__ = [
     "nose_correction",
     "part_counts",
 ]
-
-Lookup = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +61,8 @@ class PathCorrection:
         Origin: kind, hash, sign convention, sense and zero of C; goes into the sidecar.
     reach : str
         How far what was measured reaches from the spindle axis, for messages; empty if unknown.
+    nose : NosePath or None
+        The path that the nose has over the nominal form, which Z of a program is compared with.
     """
 
     z: Lookup
@@ -71,10 +72,7 @@ class PathCorrection:
     held: Lookup | None = None
     audit: Mapping[str, Any] = field(default_factory=dict)
     reach: str = ""
-
-
-class _Form(Protocol):
-    def gradient(self, x: ArrayLike, y: ArrayLike = 0.0) -> tuple[FloatArray, FloatArray]: ...
+    nose: NosePath | None = None
 
 
 class _Area(Protocol):
@@ -90,7 +88,7 @@ def error_correction(
     slope: Callable[[FloatArray, FloatArray], ArrayLike] | None = None,
     move_x: bool = False,
     nose: float | str = 0.0,
-    form: _Form | None = None,
+    form: RadialForm | None = None,
 ) -> PathCorrection:
     """Return the correction c = -e of a measured error of the part.
 
@@ -165,15 +163,16 @@ def error_correction(
 
     middle = _centre(error, centre)
     nose = numbers.not_negative(nose, "nose", dimension="length")
+    path = None
     made = (placed(lookup), None if edge is None else placed(edge))
     if nose > 0.0:
         if form is None or slope is not None:
             raise DataError(
                 "nose goes with form, the nominal form of the part, and not with slope"
             )
-        touched = _touched(form, nose, c_sense if around else 0, c_zero if around else 0.0)
+        path = NosePath(form, nose, c_sense if around else 0, c_zero if around else 0.0)
         own, held_at = made
-        made = (_at(touched, own), None if held_at is None else _at(touched, held_at, own))
+        made = (path.at(own), None if held_at is None else path.at(held_at, own))
 
     audit |= {
         "sign": "error e = actual - nominal; correction c = -e is added to Z",
@@ -191,58 +190,7 @@ def error_correction(
         correction = nose_correction(
             made[0], slope, move_x=move_x, needs_c=around, pitch=pitch, audit=audit
         )
-    return replace(correction, reach=_reach(error, middle))
-
-
-def _at(touched: Lookup, found: Lookup, measured: Lookup | None = None) -> Lookup:
-    """Return a lookup at the contact; where the form has none, a measured value is a gap, a held one stays."""
-
-    def at(x: FloatArray, c: FloatArray) -> FloatArray:
-        place = touched(x, c)
-        none = np.isnan(place)
-        at_place = np.where(none, x, place)
-        values = np.asarray(found(at_place, c))
-        own = values if measured is None else np.asarray(measured(at_place, c))
-        return np.where(none & np.isfinite(own), np.nan, values)
-
-    return at
-
-
-def _touched(form: _Form, nose: float, c_sense: int, c_zero: float) -> Lookup:
-    """Return X_c of X_c - r sin t(X_c) = X by Newton's steps; NaN where the form does not reach."""
-
-    def sine(x: FloatArray, angle: FloatArray) -> FloatArray:
-        along_x, along_y = form.gradient(x * np.cos(angle), x * np.sin(angle))
-        steep = along_x * np.cos(angle) + along_y * np.sin(angle)
-        return np.asarray(steep / np.hypot(1.0, steep))
-
-    def at(x: FloatArray, c: FloatArray) -> FloatArray:
-        angle = c_sense * c + c_zero if c_sense else np.zeros(x.shape)
-        step, place = _NOSE_STEP * nose, np.array(x)
-        reached = np.isfinite(sine(place, angle))
-        off = np.zeros(x.shape)
-        for _ in range(_NOSE_STEPS):
-            low, high = sine(place - step, angle), sine(place + step, angle)
-            rise = 1.0 - nose * (high - low) / (2.0 * step)
-            if (rise[reached] <= 0.0).any():
-                raise DataError(
-                    f"a nose of {1e3 * nose:.4g} mm does not fit into the form: its hollows are narrower; check "
-                    "nose and form"
-                )
-            off = place - nose * sine(place, angle) - x
-            go = np.isfinite(off) & np.isfinite(rise)
-            reached &= go
-            place[go] -= off[go] / rise[go]
-        missed = reached & (np.abs(off) > _NOSE_ROUNDING * nose)
-        if missed.any():
-            where = 1e3 * float(x[np.flatnonzero(missed)[0]])
-            raise DataError(
-                f"the place where the nose touches the form is not found at X = {where:.6g} mm; the form is too "
-                "rough for this nose"
-            )
-        return np.where(reached, place, np.nan)
-
-    return at
+    return replace(correction, reach=_reach(error, middle), nose=path)
 
 
 def _reach(error: object, middle: tuple[float, float]) -> str:
@@ -642,9 +590,6 @@ def _with_edge(z: FloatArray, *, hold: bool) -> FloatArray:
 
 
 _MOST_TURNS = 20
-
-_NOSE_STEPS, _NOSE_STEP, _NOSE_ROUNDING = 12, 1e-4, 1e-7
-"""Newton's steps to the contact, and shares of the nose: of its difference step, and what may be missed."""
 
 _EDGE = 1e-9
 """Share of a step by which rounding may miss a node or leave the map (4.5 mm / 0.5 mm in binary)."""

@@ -227,6 +227,13 @@ def rewrite_points(
     found = _columns(lines, head, sep, columns or {}, units or {}, start, needs_c=made.needs_c)
     rows = rows_of(lines, head, sep, found, start)
     rows.half_x = 0.5 if diameter else 1.0
+    if made.nose is not None:
+        x, c, z = (
+            rows.values[a] * found[a].scale if a in found else np.zeros(len(rows.row))
+            for a in ("X", "C", "Z")
+        )
+        places = np.column_stack([x * rows.half_x, c, z, np.zeros(x.size)])
+        made.nose.require(places, start, held=stroke if again else 0.0)
     dz = _correction(made, rows, found, stroke, start)
     scale = found["Z"].scale
     wanted = digits or max(1, math.ceil(-math.log10(resolution / scale) - 1e-9))

@@ -277,6 +277,9 @@ def _stream(
                 f"{start}: holds no move of X, C or Z (G0 or G1 with such a word); is this the program?"
             )
         rewriter.finish()
+        if made.nose is not None and rewriter.places is not None:
+            held = rewriter.settings.stroke if again else 0.0
+            made.nose.require(rewriter.places.rows, start, held=held)
         return [], bool(rewriter.tally.changed or rewriter.tally.added)
 
     def said(hashes: list[str]) -> Mapping[str, Any]:

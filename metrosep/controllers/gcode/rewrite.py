@@ -27,6 +27,7 @@ from metrosep.controllers.gcode.columns import (
     check_way,
     read_columns,
 )
+from metrosep.controllers.gcode.contact import PathPlaces
 from metrosep.controllers.gcode.corrections import (
     Lookup,
     PathCorrection,
@@ -103,6 +104,7 @@ class Rewriter:
             harmless_m=state.harmless_m,
             g_system=state.g_system,
         )
+        self.places = None if correction.nose is None else PathPlaces()
         self._turned = False
         self._edge = (0.0, False, math.nan, math.nan)
         self._carry, self._seen = _Carry(), _Carry()
@@ -192,6 +194,12 @@ class Rewriter:
         lost = ~(known & np.isfinite(z)) & (motion == 1)
         if lost.any():
             raise self._unknown(columns, x, c, int(np.flatnonzero(lost)[0]))
+        if self.places is not None:
+            with np.errstate(invalid="ignore"):
+                goes = (np.abs(x - before[0]) > 0.0) | (np.abs(c - before[1]) > 0.0)
+            cuts = goes & known & np.isfinite(z) & (motion == 1)
+            angle = np.deg2rad(np.nan_to_num(c))
+            self.places.add(x * self.half_x, angle, z * self.state.unit, cuts)
         places = x[known] * self.half_x, np.deg2rad(np.nan_to_num(c[known]))
         dz, dx = np.zeros(x.size), np.zeros(x.size)
         dz[known] = self._valued(self.correction.z, places, columns, known)

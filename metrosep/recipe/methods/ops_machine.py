@@ -204,7 +204,7 @@ def _checked_size(term: str, value: float | str, *, is_angle: bool) -> None:
 
 
 def errors_of(chain: Any, rest: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Take the magnitudes of the terms out of the options, and how names were read."""
+    """Take the magnitudes of the terms out of the options, how names were read, and what readers of files warn of."""
     from metrosep.machine import from_paper
     from metrosep.machine.terms import is_angle
 
@@ -216,6 +216,7 @@ def errors_of(chain: Any, rest: dict[str, Any]) -> tuple[dict[str, Any], tuple[s
         if value is not None:
             found[term] = value
     names: dict[str, str] = {}
+    said: list[str] = []
     for key, value in given.items():
         name = key if key in chain.terms else _paper_name(key, from_paper)
         if name in names:
@@ -223,7 +224,7 @@ def errors_of(chain: Any, rest: dict[str, Any]) -> tuple[dict[str, Any], tuple[s
         names[name] = key
         file = file_of_curve(value)
         if file is not None:
-            value = _curve(chain, name, file)  # noqa: PLW2901
+            value = _curve(chain, name, file, said)  # noqa: PLW2901
         elif name in chain.terms:
             try:
                 _checked_size(key, value, is_angle=is_angle(name))
@@ -237,15 +238,15 @@ def errors_of(chain: Any, rest: dict[str, Any]) -> tuple[dict[str, Any], tuple[s
         )
     read = [f"{key} is a name of the paper: {name} of ISO 230-1" for name, key in names.items()]
     told = (text for text, (name, key) in zip(read, names.items(), strict=True) if name != key)
-    return found, tuple(told)
+    return found, (*told, *dict.fromkeys(said))
 
 
-def _curve(chain: Any, name: str, file: str) -> Any:
+def _curve(chain: Any, name: str, file: str, notes: list[str]) -> Any:
     """Return the table of a term from a file: ``x_mm,EXX_um``."""
     from metrosep.io.term_files import read_term_table
 
     kinds = chain.dimensions
-    held = read_term_table(file, kinds)
+    held = read_term_table(file, kinds, notes)
     if name not in held:
         raise DataError(
             f"{file}: holds {', '.join(held)}, not {name}; name the file that holds it"
