@@ -27,9 +27,8 @@ from metrosep.controllers.gcode.columns import (
     check_way,
     read_columns,
 )
-from metrosep.controllers.gcode.contact import PathPlaces
+from metrosep.controllers.gcode.contact import Lookup, PathPlaces
 from metrosep.controllers.gcode.corrections import (
-    Lookup,
     PathCorrection,
     chord_errors,
     part_counts,
