@@ -162,7 +162,7 @@ def read_table(
 ) -> CompensationTable:
     """Return the table that a file holds: its corrections are looked up at the command.
 
-    Where nothing states the reference of the axis, it is the place without correction that is nearest to 0.
+    Where nothing states the reference of the axis, it is the entry without correction that is nearest to 0.
     """
     if "reference" not in fields:
         fields["reference"] = _without_correction(positions, forward)
@@ -170,15 +170,14 @@ def read_table(
 
 
 def _without_correction(positions: FloatArray, forward: FloatArray) -> float:
-    """Return the place nearest to 0 where a column is zero; without one 0, or the first if 0 is beyond it."""
-    signs = np.sign(forward)
-    at = np.flatnonzero(signs[:-1] * signs[1:] < 0)
-    share = forward[at] / (forward[at] - forward[at + 1])
-    places = [
-        *positions[signs == 0],
-        *(positions[at] + share * (positions[at + 1] - positions[at])),
-    ]
-    if places:
+    """Return 0, or the entry nearest to it, without correction; else 0, or the first if 0 is beyond the table.
+
+    A zero crossing between entries is no reference: an offset, which moves the zero of the machine, has some.
+    """
+    if positions[0] <= 0.0 <= positions[-1] and not np.interp(0.0, positions, forward):
+        return 0.0
+    places = positions[forward == 0.0]
+    if places.size:
         return float(min(places, key=abs))
     return 0.0 if positions[0] <= 0.0 <= positions[-1] else float(positions[0])
 
