@@ -730,24 +730,3 @@ def test_a_shape_drawn_without_connection_is_sent_again_once(tab: Any, map_file:
         finally:
             tab.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
             tab.go("about:blank")
-
-
-def test_drawing_on_a_map_without_scale_leads_to_its_scale(opened: Opened, tmp_path: Path) -> None:
-    """A pixel is 2 um wide and 3 um high; a circle is drawn in lengths after that."""
-    y, x = np.mgrid[0:60, 0:90]
-    file = ms.write(ms.Surface(20e-9 * np.cos(x / 3.0) + 1e-9 * y), tmp_path / "part.h5")
-    page = opened(file, "document.querySelector('#no-scale:not([hidden])') !== null")
-    page.run("document.querySelector('#map canvas').focus()")
-    page.press("c")
-    page.wait("document.querySelector('#alerts button') !== null")
-    assert "how large a pixel" in page.text("#alerts")
-    page.click("#alerts button")
-    page.wait("document.querySelector('dialog [name=step]') !== null")
-    assert page.text("#alerts") == ""
-    page.fill("dialog [name=step]", "2 um x 3 um")
-    page.press("Enter")
-    page.wait("document.querySelector('#no-scale').hidden")
-    page.click("#recipe")
-    text = page.run("document.querySelector('dialog pre').textContent")
-    assert 'lateral_step = "2 um x 3 um"' in text
-    assert page.errors == []
