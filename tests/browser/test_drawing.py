@@ -15,7 +15,6 @@ import pytest
 from browser.conftest import FULL, STEP, N, chromium
 from browser.test_work import choose, printed, settled
 
-import metrosep as ms
 from metrosep.recipe.recipe import without_view_block
 
 pytestmark = pytest.mark.browser
