@@ -30,7 +30,7 @@ from metrosep.compensation.area_errors import (
 from metrosep.compensation.entry_covariance import Covariance, EntryCovariance
 from metrosep.compensation.measured import at_reference, estimate_slope
 from metrosep.compensation.polynomial import exact_correction
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import FloatArray, is_turn_apart
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import Profile
 from metrosep.core.units import parse_quantity
@@ -64,8 +64,6 @@ _DENSE = 20
 
 _SHORT = 0.05
 """Share of an error that may be missed without a word."""
-_TURN = 2.0 * math.pi
-_CLOSED = math.radians(1e-6)
 
 _MAX_ENTRIES = 100_000
 """More entries than any controller takes: the spacing was typed in the wrong unit."""
@@ -282,7 +280,7 @@ def _multiples(
 
     One turn stays one turn: its ends are one place, which a control rolls over.
     """
-    if is_rotary(axis) and abs(span[1] - span[0] - _TURN) <= _CLOSED:
+    if is_rotary(axis) and is_turn_apart(*span):
         zero = None
     zero = 0.0 if zero is None or not span[0] <= zero <= span[1] else zero
     low, high = span[0] - zero, span[1] - zero

@@ -13,6 +13,7 @@ import numpy as np
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Limits
 from metrosep.core import numbers
+from metrosep.core._arrays import ONE_PLACE, is_turn_apart
 from metrosep.core.errors import DataError, Example, LimitError, TableError, UnitError
 from metrosep.core.readable import did_you_mean
 from metrosep.core.units import format_length, parse_quantity
@@ -383,14 +384,11 @@ def is_angle(value: Any) -> bool:
 
 TURN = 2.0 * math.pi
 """One turn, rad."""
-_CLOSED = math.radians(1e-6)
-"""Deviation from one turn that decimals of degrees explain."""
 
 
 def is_one_turn(table: CompensationTable) -> bool:
     """Return whether a table of an axis that turns covers one turn."""
-    low, high = table.span
-    return is_rotary(table.axis) and abs(high - low - TURN) <= _CLOSED
+    return is_rotary(table.axis) and is_turn_apart(*table.span)
 
 
 def require_turn(
@@ -406,7 +404,7 @@ def require_turn(
             f"{math.degrees(high):.9g} deg; append the position 360 deg after the first one, with the "
             "first one's correction"
         )
-    if first is not None and abs(low - first) > _CLOSED:
+    if first is not None and abs(low - first) > ONE_PLACE:
         raise TableError(
             f"the table of one turn must begin at {math.degrees(first):.9g} deg here and begins at "
             f"{math.degrees(low):.9g} deg; make it from there on over 360 deg"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any, TypeGuard
 
@@ -147,6 +148,15 @@ def _pair(value: Any, name: str) -> dict[str, Any]:
     if len(pair) != 2:
         raise OptionError(f"{name} must be two positions (x, y) in m, got {value!r}")
     return {f"{k} of {name}": v for k, v in zip("xy", pair, strict=True)}
+
+
+ONE_PLACE = math.radians(1e-6)
+"""Angles so near to each other are one place: decimals of degrees explain that they differ."""
+
+
+def is_turn_apart(low: float, high: float) -> bool:
+    """Whether two angles are one place, one turn apart."""
+    return abs(high - low - math.tau) <= ONE_PLACE
 
 
 def is_turn(angle: FloatArray) -> bool:

@@ -383,9 +383,9 @@ def _said(surface: Surface, value: float) -> str:
 
 def grid_of(surface: Surface) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return origin and steps, of a map without lateral calibration in its pixels."""
-    if not is_calibrated(surface):
+    if surface.dx is None or surface.dy is None:
         return (0.0, 0.0), (1.0, 1.0)
-    return surface.origin, (surface.dx or 1.0, surface.dy or 1.0)
+    return surface.origin, (surface.dx, surface.dy)
 
 
 def heights_at(

@@ -170,7 +170,6 @@ class MapSection:
     messages: tuple[str, ...] = ()
     profile: Profile | None = None  # heights along a line or a circle
     keys: Mapping[str, Any] = field(default_factory=dict)  # of the recipe, in SI
-    along: str = "m"  # unit of x of the profile: px on a map without scale
     missing: str = ""  # why no check of these numbers can pass or fail
 
     @property
@@ -299,7 +298,6 @@ def _section_of(obj: Surface, section: Mapping[str, Any]) -> MapSection:
         messages,
         profile,
         section,
-        along="m" if is_calibrated(obj) else PIXEL,
         missing=missing,
     )
 

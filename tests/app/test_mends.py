@@ -159,7 +159,7 @@ def test_a_limit_of_no_step_and_one_without_unit_have_a_button_each(tmp_path):
 
 
 GRAMMAR = re.compile(
-    r"\w = [\"']|[a-z]_\w+ = |= true|= false|\.toml:\d|\w=(?:[\"'\s]|$)|\[input\]|\bNone\b|\bTrue\b"
+    r"\w = [\"']|\b(?!k\b)\w+ = \d|= true|= false|\.toml:\d|\w=(?:[\"'\s]|$)|\[input\]|\bNone\b|\bTrue\b"
 )
 
 

@@ -166,7 +166,7 @@ def _drawn(section: MapSection) -> dict[str, Any]:
     along = "arc from +x to +y" if section.kind == "circle" else "distance from a"
     lines = [panel("", "m", [curve("", profile.x, profile.z)], quantity="height")]
     title = f"Section {section.name}"
-    return curve_chart(title, (along, section.along), lines, caption=_GAPS)
+    return curve_chart(title, (along, profile.lateral_unit), lines, caption=_GAPS)
 
 
 def _section(section: MapSection) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import FloatArray, is_turn_apart
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import choice, quantity
 from metrosep.core.provenance import Step
@@ -38,10 +38,6 @@ EQUAL_STEPS = (
     "the targets stand at equal steps: an error that repeats with them, such as that of a screw of this "
     "pitch, is not seen; add a random part to each target"
 )
-_TURN = 2.0 * math.pi
-"""One turn, rad."""
-_ONE_PLACE = math.radians(1e-6)
-"""Deviation from one turn that decimals of degrees explain."""
 _BY_CHANCE = 1e-3
 """Share of sound lists whose two ends of a turn are taken for two places."""
 _SPLIT = 2.0
@@ -152,7 +148,7 @@ class PitchErrors:
         def error(position: ArrayLike) -> FloatArray:
             p = np.asarray(position, float)
             if self.is_closed:
-                p = self.positions[0] + np.mod(p - self.positions[0], _TURN)
+                p = self.positions[0] + np.mod(p - self.positions[0], math.tau)
             return np.asarray(np.interp(p, self.positions, values))
 
         return error
@@ -284,8 +280,7 @@ def pitch_errors(
             "there"
         )
     apart = {n: m[-1] - m[0] for n, m in means.items() if m is not None}
-    is_turn = unit == "rad" and abs(p[-1] - p[0] - _TURN) <= _ONE_PLACE
-    is_closed = is_turn and _closed(cycles, means)
+    is_closed = unit == "rad" and is_turn_apart(p[0], p[-1]) and _closed(cycles, means)
     errors = {n: None if v is None else v - heat.slope * (p - zero) for n, v in means.items()}
     names = {1: "forward", -1: "reverse"}
     wanted = [names[d] for d in REFERENCE_DIRECTIONS[reference_direction]]
