@@ -383,9 +383,10 @@ def _said(surface: Surface, value: float) -> str:
 
 def grid_of(surface: Surface) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return origin and steps, of a map without lateral calibration in its pixels."""
-    if surface.dx is None or surface.dy is None:
+    dx, dy = (surface.dx, surface.dy) if is_calibrated(surface) else (None, None)
+    if dx is None or dy is None:
         return (0.0, 0.0), (1.0, 1.0)
-    return surface.origin, (surface.dx, surface.dy)
+    return surface.origin, (dx, dy)
 
 
 def heights_at(
