@@ -40,12 +40,7 @@ _WORST_FIRST = (4, 2, 1, 3)
 
 
 def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
-    found: dict[str, str] = {}
-    for name, value in name_values(texts, option):
-        if name in found:
-            raise click.UsageError(f"{option} is given twice for {name}")
-        found[name] = value
-    return found
+    return dict(name_values(texts, option))
 
 
 def _names(text: str | None) -> tuple[str, ...]:
