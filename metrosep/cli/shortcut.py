@@ -317,7 +317,9 @@ def typed(key: str, value: str, fields: Mapping[str, Option]) -> str:
     if kind is KINDS["table"]:
         return _table(key, value)
     if (kind is KINDS["frequencies"] and value == "auto") or kind.written == "text":
-        number = whole(value) if field is not None and field.kind in ("degree", "spacing") else None
+        number = (
+            whole(value) if field is not None and field.kind in ("degree", "spacing") else None
+        )
         return number or quoted(value)
     if kind.written == "plain" or (kind is KINDS["waves"] and whole(value)):
         return _plain(key, value)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import Example, InvalidSamplesError, MetrosepError
+from metrosep.core.errors import InvalidSamplesError, MetrosepError
 from metrosep.core.numbers import LEAST, without_rounding
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
@@ -422,8 +422,8 @@ def _form(obj: Measured, options: Mapping[str, Any], *, with_u: bool = True) -> 
     from metrosep.forms.fit import fit
 
     ideal, rest = form_options(options)
-    if ideal.name == "plane" and isinstance(obj, Surface) and None in (obj.dx, obj.dy):
-        return _plane_over_pixels(obj, rest)
+    if isinstance(obj, Surface) and None in (obj.dx, obj.dy):
+        return _over_pixels(obj, ideal, rest)
     result = fit(obj, ideal, **rest)
     left = result.residual
     assert isinstance(left, Surface | Profile)  # noqa: S101  # as obj is
@@ -477,30 +477,23 @@ def _left_by(name: str, result: Any) -> dict[str, Quantity]:
     }
 
 
-def _plane_over_pixels(obj: Surface, rest: Mapping[str, Any]) -> Done:
-    """Return a map without scale less its plane, which needs none; its inclination would be in m per pixel."""
-    from metrosep.forms.fit import fit
+def _over_pixels(obj: Surface, ideal: Any, rest: Mapping[str, Any]) -> Done:
+    """Return a map without scale less a form that needs none; its parameters would be per pixel."""
+    from metrosep.forms.fit import over_pixels
 
-    held = [k for k, v in rest.get("fixed", {}).items() if k.startswith("tilt") and v != 0.0]
-    if held:  # as rad it would be taken off once per pixel, and not per m
-        raise StepError(
-            f"fix holds {held[0]}, an angle, and the file does not say how large a pixel of the map is: hold "
-            'it at zero or leave it free, or give lateral_step = "3 um" where the file is read',
-            "fix",
-        ).hinting(lateral_step=Example("3 um"))
-    result = fit(Surface(obj.z, 1.0, 1.0), "plane", **rest)
-    facts = {"form": "plane", "over": PIXEL, "n_points": result.n_points}
+    result, name = over_pixels(obj, ideal, **rest), ideal.name
+    facts = {"form": name, "over": PIXEL, "n_points": result.n_points}
     facts |= {"rms_m": result.rms, "pv_m": result.peak_to_valley}
-    history = (*obj.history, *result.residual.history)
-    left = Surface(result.residual.z, metadata=obj.metadata, history=history)
+    lost = "inclination is" if name == "plane" else "coefficients are"
     messages = [
         *result.found_warnings,
         (
-            "the plane is fitted over pixels, whatever their size is; its inclination is not known, as the file "
+            f"the {name} is fitted over pixels, whatever their size is; its {lost} not known, as the file "
             "does not say how large they are"
         ),
     ]
-    return Done(left, _left_by("plane", result), tuple(messages), {**facts, "parameters": {}})
+    found = _left_by(name, result)
+    return Done(result.residual, found, tuple(messages), {**facts, "parameters": {}})
 
 
 def _filter(obj: Measured, options: Mapping[str, Any]) -> Done:
