@@ -20,7 +20,7 @@ from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.core.regions import crosses_itself, not_round
+from metrosep.core.regions import counts_pixels, crosses_itself, not_round
 from metrosep.core.surface import Surface
 from metrosep.core.units import PIXEL, Pixels, format_length
 from metrosep.recipe import pipeline_checks as keys
@@ -50,6 +50,7 @@ __all__ = [
     "Stage",
     "StepError",
     "checked_step",
+    "lost_pixels",
     "measuring_steps",
     "run_step",
     "run_steps",
@@ -244,10 +245,30 @@ def measuring_steps(
     return tuple(checked)
 
 
+def lost_pixels(steps: Sequence[Mapping[str, Any]], drawn: Mapping[str, Any]) -> str:
+    """Return why a step or section behind `steps` has no place; nothing where it has one.
+
+    px are pixels of the map as it was read. A filter that cuts the rim off leaves others.
+    """
+    for i, step in enumerate(steps if counts_pixels(drawn) else ()):
+        cuts = step["op"] == "filter" and step.get("end") == "cut"
+        if cuts and step.get("enabled", True):
+            return (
+                f"px are pixels of the map as it was read, and step {i + 1} (filter) cuts its rim off, so that "
+                'they would be others: write lengths here, or another end than "cut" there'
+            )
+    return ""
+
+
 def run_step(
-    obj: Measured, step: Mapping[str, Any], *, index: int = 0, preview: bool = False
+    obj: Measured,
+    step: Mapping[str, Any],
+    *,
+    index: int = 0,
+    preview: bool = False,
+    before: Sequence[Mapping[str, Any]] = (),
 ) -> Stage:
-    """Return what one step makes of an object; of a coarse preview without its uncertainty."""
+    """Return what one step makes of what the steps `before` left; of a coarse preview without its uncertainty."""
     if not isinstance(obj, Surface | Profile):
         raise InvalidSamplesError(
             f"the steps of a measurement need a profile or a map, got a {type(obj).__name__}; "
@@ -260,6 +281,9 @@ def run_step(
     if type(obj).__name__ not in STEPS[op].applies:
         kind, other = ("map", "surface") if isinstance(obj, Surface) else ("profile", "line")
         raise StepError(f"{op} does not belong to a {kind}; take {other}_profile", "op")
+    lost = lost_pixels(before, options)
+    if lost:
+        raise StepError(lost, "op")
     began = time.perf_counter()
     hurried = preview and op == "form"
     done: Done = _form(obj, options, with_u=False) if hurried else APPLY[op](obj, options)
@@ -295,6 +319,7 @@ def run_steps(
     *,
     upto: int | None = None,
     first: int = 0,
+    before: Sequence[Mapping[str, Any]] = (),
     cancel: Callable[[], bool] | None = None,
     tell: Tell | None = None,
     preview: bool = False,
@@ -312,6 +337,8 @@ def run_steps(
     first : int, optional
         Number of the first step of the list, where earlier ones were run before: their
         last object is `obj` then.
+    before : sequence of mapping, optional
+        Those earlier steps.
     cancel : callable, optional
         Asked before each step; true stops.
     tell : callable, optional
@@ -357,7 +384,13 @@ def run_steps(
         if tell is not None and step.get("enabled", True):
             tell(f"step {number + 1}: {step.get('op')}")
         stages.append(
-            run_step(stages[-1].obj if stages else obj, step, index=number, preview=preview)
+            run_step(
+                stages[-1].obj if stages else obj,
+                step,
+                index=number,
+                preview=preview,
+                before=(*before, *steps[: number - first]),
+            )
         )
     return tuple(stages)
 

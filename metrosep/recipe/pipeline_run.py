@@ -19,7 +19,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.recipe.pipeline import Stage, StepError, run_step
+from metrosep.recipe.pipeline import Stage, StepError, lost_pixels, run_step
 from metrosep.recipe.pipeline_checks import SPECTRUM
 from metrosep.recipe.pipeline_mask import Measured
 from metrosep.recipe.report_fields import report_of
@@ -136,7 +136,8 @@ def measure_object(recipe: Recipe, obj: Any, *, tell: Tell | None = None) -> Mea
         if tell is not None and step.get("enabled", True):
             tell(f"step {i + 1}: {step['op']}")
         try:
-            stages.append(run_step(stages[-1].obj if stages else obj, step, index=i))
+            left = stages[-1].obj if stages else obj
+            stages.append(run_step(left, step, index=i, before=recipe.steps[:i]))
         except MetrosepError as exc:
             raise step_error(exc, recipe, i) from None
     return with_sections(recipe, Measurement(obj, tuple(stages)))
@@ -156,6 +157,8 @@ def with_sections(
     found = []
     for i, section in enumerate(recipe.sections):
         try:
+            if lost_place := lost_pixels(recipe.steps, section):
+                raise DataError(lost_place)
             found.append(section_of(measured.obj, section))
         except DataError as exc:
             error = recipe.place("[[section]]", i).error(str(exc), "name")

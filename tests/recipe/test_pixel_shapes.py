@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.core.errors import DataError, RecipeError
+from metrosep.core.errors import DataError, MetrosepError, RecipeError
 
 NM, UM = 1e-9, 1e-6
 SHAPE = (41, 67)
@@ -300,16 +300,27 @@ def test_px_of_a_form_a_filter_or_a_profile_are_refused(tmp_path):
 def test_pixels_behind_a_filter_that_cuts_the_rim_off_are_refused():
     cut = '[[step]]\nop = "filter"\ncutoff = "20 um"\nend = "cut"\n'
     mask = f'[[step]]\nop = "mask"\naperture = {{ {MASKS["circle"][0]} }}\n'
+    from metrosep.recipe.pipeline_run import measure_object
     from metrosep.recipe.preflight import limit_errors
 
+    surface = ms.Surface(heights(), 4 * UM, 5 * UM)
+
     def errors(*parts):
-        return [str(e) for e in limit_errors(ms.Recipe.parse(HEAD + "".join(parts)))]
+        recipe = ms.Recipe.parse(HEAD + "".join(parts))
+        try:
+            measure_object(recipe, surface)
+        except MetrosepError as exc:
+            return [str(exc), *map(str, limit_errors(recipe))]
+        return list(map(str, limit_errors(recipe)))
 
     assert errors(mask, cut, SIZE) == []
+    off = cut + "enabled = false\n"
+    assert errors(off, mask, SIZE) == []
     for text in ((cut, mask, SIZE), (cut, SIZE, SECTIONS)):
-        assert (
-            "px are pixels of the map as it was read, and step 1 (filter) cuts" in errors(*text)[0]
-        )
+        one, two, *_ = errors(*text)  # of Python, of `metrosep run` and `check`
+        assert one.split(": ")[0] == two.split(": ")[0]  # file and line
+        for said in (one, two):
+            assert "px are pixels of the map as it was read, and step 1 (filter) cuts" in said
 
 
 def test_a_plane_is_removed_over_pixels_and_says_nothing_of_its_inclination(
