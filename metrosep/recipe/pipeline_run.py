@@ -19,7 +19,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.recipe.pipeline import Stage, StepError, lost_pixels, run_step
+from metrosep.recipe.pipeline import Stage, StepError, run_step
 from metrosep.recipe.pipeline_checks import SPECTRUM
 from metrosep.recipe.pipeline_mask import Measured
 from metrosep.recipe.report_fields import report_of
@@ -157,9 +157,7 @@ def with_sections(
     found = []
     for i, section in enumerate(recipe.sections):
         try:
-            if lost_place := lost_pixels(recipe.steps, section):
-                raise DataError(lost_place)
-            found.append(section_of(measured.obj, section))
+            found.append(section_of(measured.obj, section, behind=recipe.steps))
         except DataError as exc:
             error = recipe.place("[[section]]", i).error(str(exc), "name")
             if isinstance(exc, _OF_DATA):  # gaps of one map are no fault of the recipe

@@ -27,8 +27,7 @@ from metrosep.core.readable import PREFIXED, said_value, typed_number
 from metrosep.core.units import parse_quantity
 from metrosep.parameters.decision import decide
 from metrosep.recipe.methods.turned import AVERAGED, TurnedRuns
-from metrosep.recipe.pipeline import STEPS as MEASURING
-from metrosep.recipe.pipeline import lost_pixels
+from metrosep.recipe.pipeline import STEPS as MEASURING, lost_pixels
 from metrosep.recipe.pipeline_checks import EVALUATING, SPECTRUM, known_unit, makes_metric
 from metrosep.recipe.result import POSITIONING
 from metrosep.recipe.schema import COMMAND, Place

@@ -7,6 +7,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.core.errors import DataError, MetrosepError, RecipeError
+from metrosep.recipe.pipeline import run_steps
 
 NM, UM = 1e-9, 1e-6
 SHAPE = (41, 67)
@@ -295,6 +296,18 @@ def test_px_of_a_form_a_filter_or_a_profile_are_refused(tmp_path):
         profile.mask("rectangle", width="20 px", centre=["40 px"])
     with pytest.raises(DataError, match="px are pixels of a map, and this is a profile"):
         profile.step_height(width="20 px", middle="40 px")
+
+
+def test_px_keep_their_unit_in_every_record_of_what_was_done(part, command_line):
+    """A number in a result or a history is in SI: a width of 20 px was one of 20 m there."""
+    step = '[[step]]\nop = "step_height"\nwidth = "20 px"\nmiddle = "30 px"\n'
+    document = measured(part, step, command_line)
+    done = next(s for s in document["provenance"] if s["step"] == "step_height")
+    assert done["parameters"] == {"width": "20 px", "middle": "30 px"}
+    stage = run_steps(
+        ms.Surface(heights()), [{"op": "step_height", "width": "20 px", "middle": "30 px"}]
+    )
+    assert stage[0].history[0].parameters == {"width": "20 px", "middle": "30 px"}
 
 
 def test_pixels_behind_a_filter_that_cuts_the_rim_off_are_refused():
