@@ -6,7 +6,6 @@ Which dialect a text is in is found by `metrosep.io.text.dialect`.
 from __future__ import annotations
 
 import csv
-import difflib
 import re
 import unicodedata
 from collections import Counter
@@ -23,6 +22,7 @@ from metrosep.core.errors import (
     ReadNameError,
     UnitError,
 )
+from metrosep.core.readable import nearest
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit, column_unit, parse_unit
 from metrosep.io.text.encoding import NO_READING, ROLE_WORDS, Role, is_error_cell
@@ -383,8 +383,7 @@ def find_column(wanted: str, names: Sequence[str], path: object, *, role: str) -
             raise FormatMismatchError(
                 f"{path}: {role} column {wanted!r} may be {' or '.join(candidates)}; give the full name"
             )
-    near = difflib.get_close_matches(key, [n.casefold() for n in names], n=1, cutoff=0.5)
-    guess = next((n for n in names if near and n.casefold() == near[0]), None)
+    guess = nearest(key, names, 0.5)
     odd = encoding_hint(names)
     hint = f"; did you mean {guess!r}?" if guess else f"; {odd}" if odd else ""
     raise ReadNameError(
