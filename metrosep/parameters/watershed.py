@@ -27,6 +27,8 @@ from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 
 __all__ = [
+    "LARGEST_GAP",
+    "LARGEST_HOLE",
     "Ground",
     "Hills",
     "Peaks",
@@ -43,6 +45,8 @@ _FIVE = 5
 
 LARGEST_HOLE = 50
 """Pixels of a hole that is filled for the segmentation: metrology-2, 5.1 (a rule of this project)."""
+LARGEST_GAP = 8
+"""Samples of a gap of a profile that is filled likewise: a round hole of 50 pixels is as wide."""
 _SIGMA = 2.0
 """Pixels, of the Gaussian weight around a filled pixel."""
 _AMONG = 2.0 / 3.0
@@ -215,7 +219,8 @@ def _small_holes(measured: NDArray[np.bool_], largest: int) -> NDArray[np.bool_]
     small = np.bincount(holes.reshape(-1), minlength=n + 1) <= largest
     small[0] = False
     at_border = np.zeros(n + 1, dtype=bool)
-    for side in (holes[0], holes[-1], holes[:, 0], holes[:, -1]):
+    ends = (holes[:, 0], holes[:, -1])
+    for side in (holes[0], holes[-1], *ends) if measured.shape[0] > 1 else ends:
         at_border[side] = True
     wanted = small[holes]
     if (small & at_border).any():
@@ -250,11 +255,12 @@ def _quadratic(
     window gives NaN and the far one the solution of least norm.
     """
     dy, dx = (v.reshape(-1) for v in np.mgrid[-reach : reach + 1, -reach : reach + 1])
-    disc = dx * dx + dy * dy <= reach * reach
+    is_map = heights.shape[0] > 1
+    disc = dx * dx + dy * dy <= (reach * reach if is_map else np.where(dy, -1, reach * reach))
     dy, dx = dy[disc], dx[disc]
     weight = np.exp(-0.5 * (dx * dx + dy * dy) / _SIGMA**2)
     u, v = dx / reach, dy / reach
-    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+    terms = np.stack([np.ones_like(u), u, u * u, *((v, u * v, v * v) if is_map else ())], axis=1)
     y, x = rows[:, None] + dy, columns[:, None] + dx
     inside = (y >= 0) & (y < heights.shape[0]) & (x >= 0) & (x < heights.shape[1])
     y, x = np.where(inside, y, 0), np.where(inside, x, 0)
@@ -264,7 +270,7 @@ def _quadratic(
     middle = z.sum(axis=1) / np.maximum(n, 1)
     squares = (terms[:, :, None] * terms[:, None, :]).reshape(dx.size, -1)
     with one_blas_thread():
-        gram = (w @ squares).reshape(-1, 6, 6)
+        gram = (w @ squares).reshape(-1, terms.shape[1], terms.shape[1])
         right = (w * (z - middle[:, None])) @ terms
     values = np.linalg.eigvalsh(gram)
     sound = values[:, 0] > 1e-6 * values[:, -1]  # else rounding and noise decide
