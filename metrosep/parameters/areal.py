@@ -575,14 +575,12 @@ _BLOCK = 32_768
 """Pixels a block, so that the slopes of a block stay in the cache."""
 
 _LADDER: tuple[tuple[tuple[int, float], ...], ...] = (
-    ((2, -1 / 12), (1, 8 / 12), (-1, -8 / 12), (-2, 1 / 12)),
-    ((1, 0.5), (-1, -0.5)),
     ((0, -1.5), (1, 2.0), (2, -0.5)),
     ((0, 1.5), (-1, -2.0), (-2, 0.5)),
     ((0, -1.0), (1, 1.0)),
     ((0, 1.0), (-1, -1.0)),
 )
-"""Stencils (offset, weight) in the order of preference where seven points are not there."""
+"""One-sided stencils (offset, weight) in the order of preference where symmetric ones are not there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -670,24 +668,27 @@ def _slope(tile: FloatArray, axis: int, step: float) -> FloatArray:
         part: FloatArray = tile[(along, inner) if axis == 0 else (inner, along)]
         return part
 
-    slope = shifted(1) - shifted(-1)
-    slope *= 45.0
+    near = shifted(1) - shifted(-1)
     wider = shifted(2) - shifted(-2)
-    wider *= 9.0
-    slope -= wider
+    slope = 45.0 * near
+    slope -= 9.0 * wider
     slope += shifted(3)
     slope -= shifted(-3)
     slope /= 60.0
-    _fill_from_ladder(slope, tile, tile.strides[axis] // tile.itemsize)
+    missing = np.isnan(slope)
+    if missing.any():
+        five = (8.0 * near - wider) / 12.0
+        np.copyto(slope, np.where(np.isnan(five), 0.5 * near, five), where=missing)
+        _fill_from_ladder(slope, tile, tile.strides[axis] // tile.itemsize)
     slope /= step
     return slope
 
 
 def _fill_from_ladder(slope: FloatArray, tile: FloatArray, stride: int) -> None:
-    """Replace, in place, slopes that seven points could not give."""
+    """Replace, in place, slopes that symmetric stencils could not give, and those of missing pixels by NaN."""
     width = tile.shape[1]
     inner = slice(_REACH, -_REACH)
-    # Seven points do not use the pixel itself, which may be the one that was not measured.
+    # Symmetric stencils do not use the pixel itself, which may be the one that was not measured.
     np.copyto(slope, np.nan, where=np.isnan(tile[inner, inner]))
     missing_y, missing_x = np.nonzero(np.isnan(slope))
     index = (missing_y + _REACH) * width + missing_x + _REACH
