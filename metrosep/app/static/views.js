@@ -190,6 +190,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
 
   function drawLower() {
     for (const option of choice.options) option.hidden = kind() !== "map" && ["waves2d", "polar"].includes(option.value);
+    choice.options[0].text = kind() === "map" ? "waves along the section" : "waves along the profile";
     for (const id of ["heights", "waves2d", "polar"]) el(id).hidden = lower() !== id;
     for (const id of ["spectrum", "density"]) el(id).hidden = lower() !== "line" || (id === "density") !== judged();
     el("spectrum-of").hidden = lower() !== "line";
