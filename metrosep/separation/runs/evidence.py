@@ -626,7 +626,7 @@ def explain_lag(
     value, sd = solution.lag * 1e3, solution.lag_sd * 1e3
     test = solution.lag_test
     if mode == "fit":
-        if not sd <= 2.0 or n_selected == 0:
+        if test is None or not test.fitted or n_selected == 0:
             return (
                 (
                     "the lag is not determined by these runs and none is corrected: the error has too "
