@@ -149,9 +149,7 @@ def lag_score(model: Model) -> LagScore | None:
         return None
     # The split into delay and time constant may not be seen at all.
     information[1, 1] = max(information[1, 1], 1e-12 * own[1, 1])
-    return LagScore(
-        score, information, root @ held, trace, model.lag_variance, model.lag_prior
-    )
+    return LagScore(score, information, root @ held, trace, model.lag_variance, model.lag_prior)
 
 
 def lag_steps(model: Model, *, sure: bool = False) -> None:

@@ -58,6 +58,7 @@ from metrosep.separation.runs.waves import (
     learn_slip,
     remove_weak,
     search,
+    seed_slip,
 )
 from metrosep.separation.runs.weights import RowWeights
 from metrosep.spectral.autoregressive import AutoregressiveModel
@@ -98,8 +99,12 @@ def solve_joint(
     several_feeds: bool = True,
     set_up_anew: bool = False,
     named: Sequence[int] = (),
+    slipping: Sequence[float] = (),
 ) -> Solution:
-    """Estimate geometry, noise, sensor and slip from all runs together (3.3); the named ones are odd."""
+    """Estimate geometry, noise, sensor and slip from all runs together (3.3).
+
+    The named runs are odd; the slipping wavelengths, in m, differ from run to run before any model.
+    """
     options = options or JointOptions()
     with one_blas_thread():
         terms = Terms(
@@ -124,6 +129,7 @@ def solve_joint(
         if options.lines and options.lines != "auto":
             place_lines(system, model, options.lines)
             _pass(system, model, most=6)
+        seed_slip(model, slipping)  # before the noise takes it for a line of each feedrate
         _learn_noise(system, model)
         found = find_lines(system, model, options)
         choose_following(system, model, options)
