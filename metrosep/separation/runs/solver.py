@@ -332,10 +332,8 @@ def _answer_with_lag(model: Model) -> _WithLag:
 
     lag, variance = mean([p.lag for p in parts], [p.variance for p in parts])
     read, own = mean([p.read for p in parts], [p.own for p in parts])
-    answer = _mean_answer(weights, [p.answer for p in parts])
-    return _WithLag(
-        answer, lag, math.sqrt(variance), read, own, parts[int(np.argmax(weights))].gain
-    )
+    answer, likeliest = _mean_answer(weights, [p.answer for p in parts]), int(np.argmax(weights))
+    return _WithLag(answer, lag, math.sqrt(variance), read, own, parts[likeliest].gain)
 
 
 def _mean_answer(weights: Sequence[float], answers: Sequence[Answer]) -> Answer:
@@ -362,9 +360,8 @@ def _with_and_without_lag(
         return model.answer(), LagTest(0.0, at.u, 0.0, 0.0, fitted=False)
     if mode == "fit":
         one = _answer_with_lag(model)
-        lag = one.lag - stated
-        chi2, spread = (lag / one.u) ** 2, model.sensor.spread
-        return one.answer, LagTest(lag, one.u, 1.0, chi2, fitted=True, spread=spread)
+        lag, spread = one.lag - stated, model.sensor.spread
+        return one.answer, LagTest(lag, one.u, 1.0, (lag / one.u) ** 2, fitted=True, spread=spread)
     found = model.state()
     if mode == "auto" and model.sensor != Sensor(stated):
         model.back_to((Sensor(stated), *found[1:]))
