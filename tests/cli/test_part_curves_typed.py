@@ -4,6 +4,7 @@ Both carry an asymmetry: a mirrored spindle or a swapped slide gives other numbe
 """
 
 import csv
+import tomllib
 
 import numpy as np
 import pytest
@@ -102,3 +103,47 @@ def test_what_is_no_table_is_refused_with_the_way_to_type_it(metrosep, tmp_path,
         assert code == 2
         assert "--set curves: " in err
         assert "NAME=VALUE" in err
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [("EZX=06,EZC=auto", {"EZX": 6, "EZC": "auto"}), ("EZX=٣", {"EZX": 3}), ('E"Z=3', {'E"Z': 3})],
+)
+def test_a_count_with_zeros_before_it_is_that_count(metrosep, typed, meant):
+    words = (
+        "separate",
+        "--method",
+        "identify",
+        "--print-recipe",
+        "part.h5",
+        "--set",
+        "threshold=02",
+    )
+    code, out, err = metrosep(*words, "--set", f"curves={typed}")
+    assert code == 0, err
+    (step,) = tomllib.loads(out)["step"]
+    assert step["curves"] == meant
+    assert step["threshold"] == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ("--set", "curves=EZX=3", "--set", "curves=EZX=4"),
+            "--set curves is given twice: keep one",
+        ),
+        (("--set", "curves=EZX=3,EZX=4"), "--set curves EZX is given twice: keep one"),
+        (
+            ("--set", "machine-radius=1 m", "--set", "machine_radius=2 m"),
+            "--set machine_radius is given twice",
+        ),
+        (("--column", "map=a", "--column", "map=b"), "--column map is given twice"),
+    ],
+)
+def test_a_name_that_is_given_twice_is_refused(metrosep, words, said):
+    code, out, err = metrosep(
+        "separate", "--method", "identify", "--print-recipe", "part.h5", *words
+    )
+    assert (code, out) == (2, "")
+    assert said in err
