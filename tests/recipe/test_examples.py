@@ -97,8 +97,9 @@ LONG = {
     "cut_path/again.toml",
     "motion_error_fourier/joint.toml",
     "cut_budget/budget.toml",
+    "roundness_traces/recipe.toml",
 }
-"""Run by the tests of their own examples (tests/examples, test_cutting_steps) as well."""
+"""Run at other doors as well (tests/examples, test_cutting_steps, app/test_machine_answers)."""
 
 
 @pytest.mark.parametrize(
