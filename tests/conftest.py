@@ -9,7 +9,7 @@ import os
 import pickle
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from hashlib import sha256
 from pathlib import Path
@@ -26,6 +26,16 @@ settings.register_profile("metrosep", deadline=None)
 settings.load_profile(
     "metrosep"
 )  # speed is measured by benches, on a machine that does nothing else
+
+
+gc.set_threshold(200_000, 20, 20)  # collecting makes objects that stay
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
+    """Look for examples in the docstrings of the package only, not in those of tests."""
+    found = yield
+    return [collector for collector in found if type(collector) is pytest.Module]
 
 
 def pytest_collection_finish() -> None:

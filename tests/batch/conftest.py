@@ -75,5 +75,5 @@ def recipe_text() -> str:
 
 
 @pytest.fixture(autouse=True)
-def _once_here(separations_once, uncertainties_once):
+def _once_here(separations_once, uncertainties_once, without_figures):
     """These tests ask what becomes of a separation or a fit, not whether it repeats itself."""

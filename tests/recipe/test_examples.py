@@ -75,6 +75,11 @@ NAMES = [
 ]
 
 
+@pytest.fixture
+def without_figures():
+    """Drawn here: the pages are looked at."""
+
+
 NO_RECIPE = {"fts_lathe/machine.toml", "volumetric_map/machine.toml", "carriers/recipe.toml"}
 """Chains of axes; the carriers have tests of their own (test_carrier_examples.py)."""
 

@@ -22,6 +22,11 @@ DIGITS = 6e-9
 """Relative to 1 nm: half of the last printed digit of the expected values (9 digits)."""
 
 
+@pytest.fixture
+def without_figures():
+    """Drawn here: the pages are looked at."""
+
+
 def first_map():
     """A wavy map with one pixel 1.2 um high and a hole at a rim."""
     j, i = np.mgrid[0:480, 0:640]

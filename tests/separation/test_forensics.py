@@ -17,6 +17,8 @@ from metrosep.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.separation import separate as separate_runs
 from metrosep.separation.runs.base import ErrorEstimate
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 SHORTEST = 1.5e-3
 """The shortest wave of these axes is 3 mm or longer; the harmonics below cost most of the time of a joint estimate."""
 

@@ -18,6 +18,8 @@ from metrosep.recipe import Recipe
 from metrosep.separation import LaserSetup, iso230_2, laser_positions
 from metrosep.separation.positions.positioning import positions_from_columns
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 PM = 1e-12
 NM = 1e-9
 ROUNDING = 1e-14
