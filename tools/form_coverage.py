@@ -7,7 +7,8 @@ Fields: gS, white noise under a Gaussian of sigma S pixels; eS, exponential corr
 fB, spectrum f^-B; w3/Q, f^-3 of 1/Q of the RMS of white noise; lay, 2 x 40 pixels. Supports: square,
 disc, gaps (a fifth missing), 1/K (the middle 1/K of the rows, a narrow map).
 The piston is left out. Printed are the share of errors within U, the median of U over twice the scatter
-of the errors, false accepts of a part on its limit with the guard t_0.95 u, and ms of one u.
+of the errors, false accepts of a part on its limit with the guard t_0.95 u, and ms of one u. The shares
+have their standard errors: the errors of one map hang together, so that they are those of the maps' means.
 """
 
 import argparse
@@ -123,6 +124,13 @@ def judged(name, where, form, n, seeds):
     return (*(np.array(v) for v in zip(*rows, strict=True)), spent / len(rows))
 
 
+def share_and_error(hits, known):
+    """Return the share of hits of the known ones in per cent, and its standard error from map to map."""
+    share = hits[known].mean()
+    off = np.where(known, hits - share, 0.0).sum(axis=1)  # of a ratio of sums, linearised
+    return f"{100 * share:.1f} ± {100 * np.sqrt(np.square(off).sum()) / known.sum():.1f}"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=40)
@@ -136,18 +144,18 @@ def main():
     chosen = parser.parse_args()
     seeds = range(chosen.first, chosen.first + chosen.seeds)
     print(
-        "| field | form | within U | U over 2 sd | false accepts | ms |\n|---|---|---|---|---|---|"
+        "| field | form | % within U | U over 2 sd | % false accepts | ms |\n|---|---|---|---|---|---|"
     )
     for name in chosen.fields.split(","):
         for text in chosen.forms.split(","):
             form, _, where = text.rpartition(" ")
             off, U, guard, spent = judged(name, where, form, chosen.size, seeds)
             known = np.isfinite(U)
-            held = (np.abs(off) <= U)[known].mean()
+            held = share_and_error(np.abs(off) <= U, known)
             wide = np.nanmedian(U / (2 * np.sqrt(np.mean(off**2, axis=0))))
-            false = 0.5 * np.mean((off > guard)[known]) + 0.5 * np.mean((off < -guard)[known])
+            false = share_and_error(0.5 * (np.abs(off) > guard), known)
             share = "" if known.all() else f" ({1 - known.mean():.2f} unknown)"
-            row = f"{held:.3f}{share} | {wide:.2f} | {100 * false:.1f} % | {1e3 * spent:.0f}"
+            row = f"{held}{share} | {wide:.2f} | {false} | {1e3 * spent:.0f}"
             print(f"| {name} | {text} | {row} |", flush=True)
 
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 import re
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 from metrosep.core.errors import UnitError
 
@@ -474,6 +475,15 @@ class Pixels(float):
         return f"{float(self):.12g} {PIXEL}"
 
     __str__ = __repr__
+
+
+def with_px(value: Any) -> Any:
+    """Return a value in which px are texts, "120 px", as JSON and a history hold them: there a number is in SI."""
+    if isinstance(value, Mapping):
+        return {k: with_px(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(map(with_px, value)) if type(value) in (list, tuple) else value
+    return str(value) if isinstance(value, Pixels) else value
 
 
 def parse_lateral(value: str | float, *, name: str = "value") -> float:

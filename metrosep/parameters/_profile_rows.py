@@ -32,7 +32,7 @@ from metrosep.parameters.material_ratio import (
 )
 from metrosep.parameters.sections import Evaluation
 from metrosep.parameters.table import Row
-from metrosep.parameters.watershed import Peaks, significant_peaks
+from metrosep.parameters.watershed import LARGEST_GAP, Ground, Peaks, ground_of, peaks_of
 
 Edition = Literal["ISO 21920-2:2021", "ISO 4287:1997", "ASME B46.1"]
 
@@ -88,9 +88,20 @@ class Work:
         return probability_lines(self.curve)
 
     @cached_property
+    def ground(self) -> Ground:
+        """Return the whole with its small gaps filled, for what is segmented alone."""
+        return ground_of(self.evaluation.whole[None, :], largest_hole=LARGEST_GAP)
+
+    @cached_property
     def elements(self) -> list[ProfileElements]:
         """Elements of each section (1997), or of the whole in both directions (2021); none empty."""
-        return _elements(self.evaluation)
+        return _elements(self.evaluation, self.filled)
+
+    @cached_property
+    def filled(self) -> FloatArray:
+        """Return the heights with small gaps filled, NaN in longer ones."""
+        z = self.ground.filled[0]
+        return np.where(z == -np.inf, np.nan, z)
 
     @property
     def lateral(self) -> Work:
@@ -109,13 +120,15 @@ class Work:
     def _points(self, side: float) -> Points:
         e = self.evaluation
         threshold = PRUNING * float(np.mean(e.section_values(lambda a: a.z)))
-        return significant_points(side * e.whole, e.step, threshold)
+        ground = self.ground if side > 0.0 else self.ground.turned_over()
+        return Points(side * e.whole, peaks_of(ground, threshold=threshold), e.step)
 
     def highest(self, ranks: slice, share: float) -> float:
         """Return the mean over the sections of hills and dales of these ranks."""
         e = self.evaluation
         least = share * float(np.mean(e.section_values(lambda a: a.z)))
-        return float(np.mean([mean_of_highest(z, ranks, least) for z in e.parts]))
+        parts = _as_sections(e, self.filled)
+        return float(np.mean([mean_of_highest(z, ranks, least) for z in parts]))
 
     def gradient(self, of: Callable[[Any], float]) -> float:
         e = self.evaluation
@@ -125,8 +138,8 @@ class Work:
         return float(np.mean([of(valid_gradient(z, dx=e.dx)) for z in traces]))
 
 
-def _elements(e: Evaluation) -> list[ProfileElements]:
-    found = _elements_of_sections(e) if e.by_section else [_elements_both_ways(e)]
+def _elements(e: Evaluation, z: FloatArray) -> list[ProfileElements]:
+    found = _elements_of_sections(e, z) if e.by_section else [_elements_both_ways(e, z)]
     for k, elements in enumerate(found):
         if len(elements) == 0:
             where = f"section {k + 1} of {len(found)}" if e.by_section else "the evaluation length"
@@ -137,25 +150,37 @@ def _elements(e: Evaluation) -> list[ProfileElements]:
     return found
 
 
-def _elements_of_sections(e: Evaluation) -> list[ProfileElements]:
+def _elements_of_sections(e: Evaluation, z: FloatArray) -> list[ProfileElements]:
     heights = e.section_values(lambda a: a.z)
     return [
         profile_elements(
-            x, z, min_height=HEIGHT_THRESHOLD * h, min_width=SPACING_THRESHOLD * float(width)
+            x, part, min_height=HEIGHT_THRESHOLD * h, min_width=SPACING_THRESHOLD * float(width)
         )
-        for x, z, h, width in zip(e.positions, e.parts, heights, e.section_lengths, strict=True)
+        for x, part, h, width in zip(
+            e.positions, _as_sections(e, z), heights, e.section_lengths, strict=True
+        )
     ]
 
 
-def _elements_both_ways(e: Evaluation) -> ProfileElements:
+def _as_sections(e: Evaluation, z: FloatArray) -> list[FloatArray]:
+    """Return heights over the evaluation length as its sections, which may be centred one by one."""
+    if not np.isnan(e.whole).any():
+        return list(e.parts)
+    return [
+        np.asarray(z[at] - np.nanmean(e.whole[at] - part))
+        for at, part in zip(e.slices, e.parts, strict=True)
+    ]
+
+
+def _elements_both_ways(e: Evaluation, z: FloatArray) -> ProfileElements:
     """Return the elements of the whole and of its mirror image, thresholds of Rp and Rv."""
     # a profile on one side of z = 0 has a negative Rp or Rv, and no crossing
     limits = {
         "min_height": HEIGHT_THRESHOLD * max(float(np.mean(e.section_values(lambda a: a.p))), 0.0),
         "min_depth": HEIGHT_THRESHOLD * max(float(np.mean(e.section_values(lambda a: a.v))), 0.0),
     }
-    one = profile_elements(e.x, e.whole, pairs="both", **limits)
-    other = profile_elements(-e.x[::-1], e.whole[::-1], pairs="both", **limits)
+    one = profile_elements(e.x, z, pairs="both", **limits)
+    other = profile_elements(-e.x[::-1], z[::-1], pairs="both", **limits)
     return ProfileElements(
         np.concatenate([one.start, -(other.start + other.spacing)]),
         np.concatenate([one.spacing, other.spacing]),
@@ -553,13 +578,14 @@ def _elements_of_run(
 
 
 # ---- spatial and feature parameters: sal, sw, dl, pd, mpc, 5p, zJIS, 3z and their kin -----------
-# On bare heights at a uniform step, NaN = not measured; nothing is filled.
+# On bare heights at a uniform step, NaN = not measured. Gaps of at most LARGEST_GAP are filled where
+# peaks, pits and elements are looked for, and only there.
 
 _THRESHOLD = 0.2
 """Of the autocorrelation (default of ISO 21920-3 and ISO 25178-3)."""
 _LEAST_PAIRS = 0.1
 """Fewest pairs at a lag as a share of the valid samples."""
-_FIVE = 5
+FIVE = 5
 _REACH = 3
 """Samples on each side of the 7-point derivatives."""
 _SECOND = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180.0
@@ -588,7 +614,12 @@ def autocorrelation_length(z: FloatArray, dx: float) -> float:
     enough = pairs > _LEAST_PAIRS * n
     acf = np.where(enough, sums / np.maximum(pairs, 1.0), np.nan)
     acf = acf / acf[0]
-    below = np.flatnonzero(acf <= _THRESHOLD)
+    below = np.flatnonzero(~(acf > _THRESHOLD))
+    if below.size and np.isnan(acf[below[0]]):
+        raise DataError(
+            f"the autocorrelation is not known at a lag of {below[0]} samples, where it has not fallen to 0.2: "
+            f"fewer than {100 * _LEAST_PAIRS:g} % of the samples have another one so far away"
+        )
     if below.size == 0:
         raise DataError(
             "the autocorrelation is still above 0.2 at half the profile: the profile is too short "
@@ -599,14 +630,17 @@ def autocorrelation_length(z: FloatArray, dx: float) -> float:
 
 
 def developed_length(z: FloatArray, dx: float) -> tuple[float, float]:
-    """Return dl, the sum of sqrt(dx^2 + dz^2) over neighbours that were both measured, and dr."""
+    """Return dl, the sum of sqrt(dx^2 + dz^2) over neighbours, and dr.
+
+    Where one of the two is missing stands the mean of those that were measured, so that dr = dl / le - 1.
+    """
     step = np.diff(z)
     step = step[~np.isnan(step)] / dx
     if step.size == 0:
         raise TooFewSamplesError("no two neighbouring samples were measured")
     # sqrt(1 + s^2) - 1 without cancellation for slopes of 1e-9
     excess = float(np.mean(step * step / (1.0 + np.sqrt(1.0 + step * step))))
-    return step.size * dx * (1.0 + excess), excess
+    return (z.size - 1) * dx * (1.0 + excess), excess
 
 
 # ---- peaks and pits after watershed and Wolf pruning, over the evaluation length ------------------
@@ -625,15 +659,16 @@ class Points:
 
     @property
     def density(self) -> float:
-        """Number over the evaluation length, 1/m."""
-        return len(self) / (self.z.size * self.dx)
+        """Number over the length that was measured or filled, 1/m."""
+        measured = int(np.count_nonzero(self.found.filled > -np.inf))
+        return len(self) / (measured * self.dx)
 
     @property
     def five(self) -> float:
         """Mean height of the five highest, or of all where there are fewer, m."""
         if len(self) == 0:
             raise TooFewSamplesError("no significant peak or pit inside the evaluation length")
-        return float(np.mean(self.found.heights[:_FIVE]))
+        return float(np.mean(self.found.heights[:FIVE]))
 
     @property
     def curvature(self) -> float:
@@ -648,12 +683,6 @@ class Points:
             )
         slope, bend = around @ _FIRST / self.dx, around @ _SECOND / self.dx**2
         return float(np.mean(-bend / (1.0 + slope**2) ** 1.5))
-
-
-def significant_points(z: FloatArray, dx: float, threshold: float) -> Points:
-    """Return the peaks that stand at least a threshold above the higher of their two saddles."""
-    found = significant_peaks(z[None, :], largest_hole=0, threshold=threshold)
-    return Points(z, found, dx)
 
 
 # ---- RzJIS and R3z: highest portions of each section ----------------------------------------------

@@ -43,6 +43,7 @@ from metrosep.parameters.material_ratio import (
     core_height,
     probability_lines,
 )
+from metrosep.parameters.sections import comb
 from metrosep.parameters.table import (
     TABLE,
     Context,
@@ -194,6 +195,8 @@ def areal_parameters(
     pruning = real(pruning, "pruning", what="a share of Sz")
     if not 0.0 <= pruning < 1.0:
         raise DataError(f"pruning is a share of Sz from 0 to below 1, got {pruning}")
+    n_total = surface.z.size
+    surface, comb_note = _measured_comb(surface)
     work = _Work(surface, line, pruning, curvature_window // 2)
     n_valid = work.heights.n_valid
     quantities, unavailable = evaluated(rows, work)
@@ -208,15 +211,42 @@ def areal_parameters(
     context = Context(
         edition=edition,
         n_valid=n_valid,
-        n_total=surface.z.size,
+        n_total=n_total,
         history=surface.history,
         settings=settings,
         notes=(
+            *comb_note,
             *_notes(surface),
             *_filled_notes(work, {q.symbol.partition("(")[0] for q in quantities}),
         ),
     )
     return ArealParameterTable(quantities, context, unavailable=unavailable)
+
+
+def _measured_comb(surface: Surface) -> tuple[Surface, tuple[str, ...]]:
+    """Return the map at the steps at which it was measured: of every other row missing twice its own dy.
+
+    Taken at the finer step it would show each wave a second time as an alias of as large an amplitude,
+    and no pixel would have a neighbour across.
+    """
+    measured = ~np.isnan(surface.z)
+    (p_y, first_y), (p_x, first_x) = (comb(measured.any(axis=a)) for a in (1, 0))
+    if p_y == p_x == 1:
+        return surface, ()
+    dx, dy = (None if s is None else p * s for p, s in ((p_x, surface.dx), (p_y, surface.dy)))
+    x, y = surface.origin
+    one = Surface(
+        surface.z[first_y::p_y, first_x::p_x],
+        dx,
+        dy,
+        origin=(x + first_x * (surface.dx or 0.0), y + first_y * (surface.dy or 0.0)),
+        metadata=surface.metadata,
+        history=surface.history,
+    )
+    parts = [f"one {what} in {p}" for what, p in (("row", p_y), ("column", p_x)) if p > 1]
+    return one, (
+        f"{' and '.join(parts).capitalize()} was measured: the map is evaluated at these steps.",
+    )
 
 
 def _named(symbol: str, edition: str, other: str) -> str:
@@ -545,14 +575,12 @@ _BLOCK = 32_768
 """Pixels a block, so that the slopes of a block stay in the cache."""
 
 _LADDER: tuple[tuple[tuple[int, float], ...], ...] = (
-    ((2, -1 / 12), (1, 8 / 12), (-1, -8 / 12), (-2, 1 / 12)),
-    ((1, 0.5), (-1, -0.5)),
     ((0, -1.5), (1, 2.0), (2, -0.5)),
     ((0, 1.5), (-1, -2.0), (-2, 0.5)),
     ((0, -1.0), (1, 1.0)),
     ((0, 1.0), (-1, -1.0)),
 )
-"""Stencils (offset, weight) in the order of preference where seven points are not there."""
+"""One-sided stencils (offset, weight) in the order of preference where symmetric ones are not there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -640,24 +668,27 @@ def _slope(tile: FloatArray, axis: int, step: float) -> FloatArray:
         part: FloatArray = tile[(along, inner) if axis == 0 else (inner, along)]
         return part
 
-    slope = shifted(1) - shifted(-1)
-    slope *= 45.0
+    near = shifted(1) - shifted(-1)
     wider = shifted(2) - shifted(-2)
-    wider *= 9.0
-    slope -= wider
+    slope = 45.0 * near
+    slope -= 9.0 * wider
     slope += shifted(3)
     slope -= shifted(-3)
     slope /= 60.0
-    _fill_from_ladder(slope, tile, tile.strides[axis] // tile.itemsize)
+    missing = np.isnan(slope)
+    if missing.any():
+        five = (8.0 * near - wider) / 12.0
+        np.copyto(slope, np.where(np.isnan(five), 0.5 * near, five), where=missing)
+        _fill_from_ladder(slope, tile, tile.strides[axis] // tile.itemsize)
     slope /= step
     return slope
 
 
 def _fill_from_ladder(slope: FloatArray, tile: FloatArray, stride: int) -> None:
-    """Replace, in place, slopes that seven points could not give."""
+    """Replace, in place, slopes that symmetric stencils could not give, and those of missing pixels by NaN."""
     width = tile.shape[1]
     inner = slice(_REACH, -_REACH)
-    # Seven points do not use the pixel itself, which may be the one that was not measured.
+    # Symmetric stencils do not use the pixel itself, which may be the one that was not measured.
     np.copyto(slope, np.nan, where=np.isnan(tile[inner, inner]))
     missing_y, missing_x = np.nonzero(np.isnan(slope))
     index = (missing_y + _REACH) * width + missing_x + _REACH

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import positive
+from metrosep.core.units import format_length
 
 __all__ = [
     "Autocorrelation",
@@ -203,6 +204,12 @@ def central_lobe(acf: Autocorrelation, *, threshold: float = 0.2) -> CentralLobe
     distances = np.hypot(ends[:, 0] * acf.dx, ends[:, 1] * acf.dy)
     order = np.argsort(distances, kind="stable")
     if not order.size or distances[order[0]] > edge:
+        if (edge < min(acf.m_x * acf.dx, acf.m_y * acf.dy)) and np.isnan(acf.values).any():
+            raise DataError(
+                f"the autocorrelation is not known beyond {format_length(edge)}, where it is still above "
+                f"{threshold:g}: fewer than {100 * _MIN_PAIRS:g} % of the pixels have another one a lag "
+                "further; pixels are missing in a pattern, or the part is narrow"
+            )
         raise DataError(
             f"the autocorrelation is still above {threshold:g} at the largest lag, half the map: "
             "the map is too small for its texture, or form or waviness was not removed"

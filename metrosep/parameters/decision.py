@@ -486,7 +486,7 @@ class Acceptance:
     n_outside : int
         How many of them lie outside the limits.
     n_allowed : int
-        How many may; -1 for the median.
+        How many may, of two limits at each; -1 for the median.
     guard : float
         Guard band on each side of a limit.
     """
@@ -552,7 +552,8 @@ def judge_values(
     values: then it is the maximum rule, and the sentence says so. In stages: a first value of at
     most 0.7 of an upper limit accepts; so do none of the first three outside, at most one of six,
     at most two of twelve; else reject. With values left to measure it is inconclusive. Of Gaussian
-    values of a part 10 % of which exceed the limit the stages accept 94.8 %.
+    values of a part 10 % of which exceed the limit the stages accept 94.8 %. Two limits are two
+    requirements: the values above one and below the other are counted apart, and the worse counts.
     Guard band g = guard_factor U: accept if it passes with the limits moved inwards by g, reject if
     it fails with the limits moved outwards by g, else inconclusive.
 
@@ -575,6 +576,16 @@ def judge_values(
         raise TooFewSamplesError("a rule over several values needs at least one value")
     if flag(sequential, "sequential") and rule != "16%":
         raise DataError(f'sequential measuring belongs to the 16 % rule, not to "{rule}"')
+    if rule == "16%" and math.isfinite(low) and math.isfinite(high):
+        return _of_both_limits(
+            [
+                judge_values(
+                    given, lower=a, upper=b, rule=rule, U=U, guard_factor=guard_factor,
+                    sequential=sequential, unit=unit,
+                )
+                for a, b in ((low, None), (None, high))
+            ]
+        )  # fmt: skip
     passes = [
         _passes(given, low + side, high - side, rule, staged=sequential)
         for side in (guard, 0.0, -guard)
@@ -593,6 +604,21 @@ def judge_values(
             sentence += ", within which the count changes"
     return Acceptance(
         verdict, rule, sentence, longest.values, passes[1].n_outside, shown.n_allowed, guard
+    )
+
+
+def _of_both_limits(found: list[Acceptance]) -> Acceptance:
+    """Return the worse of what the lower and the upper limit say, with the sentences of both."""
+    lower, upper = found
+    outcome = worst([f.verdict for f in found]) or "inconclusive"
+    return Acceptance(
+        outcome,
+        "16%",
+        f"lower limit, {lower.sentence}; upper limit, {upper.sentence}",
+        max(lower.values, upper.values, key=len),
+        lower.n_outside + upper.n_outside,
+        max(lower.n_allowed, upper.n_allowed),
+        lower.guard,
     )
 
 

@@ -19,9 +19,10 @@ from metrosep.core.docs import documented
 from metrosep.core.errors import DataError, NotConvergedError
 from metrosep.core.numbers import choice, flag, positive
 from metrosep.core.profile import Profile
-from metrosep.core.units import format_length
+from metrosep.core.units import Pixels, format_length
 from metrosep.filters._arguments import DoubleFilterError, ProfileKind, profile_kind
 from metrosep.parameters._profile_rows import (
+    FIVE,
     HEIGHT_THRESHOLD,
     NEW,
     OLD,
@@ -34,7 +35,7 @@ from metrosep.parameters._profile_rows import (
 )
 from metrosep.parameters.arguments import PROFILE, Call, call_of, canonical, is_call, unknown
 from metrosep.parameters.material_ratio import CoreLine
-from metrosep.parameters.sections import Evaluation, section_slices, sections_in, trim
+from metrosep.parameters.sections import Evaluation, comb, section_slices, sections_in, trim
 from metrosep.parameters.table import (
     TABLE,
     Context,
@@ -43,6 +44,7 @@ from metrosep.parameters.table import (
     rows_of_calls,
     with_and_without_arguments,
 )
+from metrosep.parameters.watershed import LARGEST_GAP
 from metrosep.spectral.dft import instance_of
 
 __all__ = [
@@ -189,8 +191,9 @@ def profile_parameters(
     centre = flag(centre, "centre")
     _check_kind(profile, kind)
     wanted, calls = _wanted(names, kind, chosen)
+    taken, comb_note = _measured_comb(profile)
     evaluation = Evaluation.of(
-        profile,
+        taken,
         sections=1 if kind == "P" else sections,
         by_section=chosen == OLD,
         centre=centre,
@@ -204,7 +207,11 @@ def profile_parameters(
         n_total=len(profile),
         history=profile.history,
         settings=_settings(evaluation, kind, centre=centre, line=line),
-        notes=tuple(_notes(profile, evaluation, kind, wanted, centre=centre)),
+        notes=(
+            *comb_note,
+            *_notes(taken, evaluation, kind, wanted, centre=centre),
+            *_feature_notes(work, [q.symbol for q in quantities], kind),
+        ),
     )
     return ProfileParameterTable(quantities, context, unavailable=unavailable)
 
@@ -310,7 +317,7 @@ def _notes(
     if inside:
         notes.append(
             f"{inside} of {e.whole.size} samples are missing inside; heights use the others, "
-            "gradients complete 7-point stencils, elements stop at gaps."
+            "gradients complete 7-point stencils."
         )
     gapped = [
         f"section {k + 1} ({count} of {part.size} samples)"
@@ -339,6 +346,61 @@ def _notes(
             "The core family is of the profile as it is; ISO 13565-1 and ISO 21920 ask for a "
             "valley-suppressing (robust) filter before it."
         )
+    return notes
+
+
+def _measured_comb(profile: Profile) -> tuple[Profile, tuple[str, ...]]:
+    """Return the profile at the step at which it was measured: of every other sample missing twice its own.
+
+    Taken at the finer step it would show each wave a second time as an alias of as large an amplitude,
+    and no sample would have a neighbour.
+    """
+    p, first = comb(~np.isnan(profile.z))
+    if p == 1:
+        return profile, ()
+    one = Profile(
+        profile.x[first::p],
+        profile.z[first::p],
+        metadata=profile.metadata,
+        history=profile.history,
+    )
+    step = format_length(
+        p * profile.step if profile.lateral_unit == "m" else Pixels(p * profile.step)
+    )
+    return one, (
+        f"One sample in {p} was measured, {step} apart: the profile is evaluated at this step.",
+    )
+
+
+_ELEMENTS = {"c", "Sm", "sm"}
+_PEAKS, _PITS = {"pd", "mpc", "5p", "10z"}, {"vd", "mvc", "5v", "10z"}
+
+
+def _feature_notes(work: Work, symbols: list[str], kind: str) -> list[str]:
+    """Return what gaps and few peaks did to parameters of peaks, pits and elements."""
+    given = {s.removeprefix(kind) for s in symbols}
+    gaps = int(np.isnan(work.evaluation.whole).sum())
+    notes = []
+    if gaps and given & (_ELEMENTS | _PEAKS | _PITS):
+        filled = int(np.count_nonzero(work.ground.is_filled))
+        if filled:
+            notes.append(
+                f"{filled} of {gaps} missing samples lie in gaps of at most {LARGEST_GAP} and were filled to find "
+                "peaks, pits and elements; all other parameters are those of measured samples."
+            )
+        if gaps > filled:
+            notes.append(
+                f"{gaps - filled} missing samples lie in longer gaps: peaks and pits beside them are not counted, "
+                "and elements that reach into them are omitted, of wide ones more than of narrow ones."
+            )
+    for of, word, names in (
+        (lambda: work.peaks, "peaks", {"5p", "10z"}),
+        (lambda: work.pits, "pits", {"5v", "10z"}),
+    ):
+        if given & names and len(of()) < FIVE:
+            notes.append(
+                f"There are {len(of())} significant {word}: their mean stands for that of five."
+            )
     return notes
 
 

@@ -356,15 +356,30 @@ def evaluated(rows: Iterable[Row], work: object) -> tuple[list[Quantity], dict[s
     """Return the parameters that can be given, and why the others cannot."""
     quantities: list[Quantity] = []
     unavailable: dict[str, str] = {}
+    failed: dict[str, DataError | FitError] = {}  # a cached property that raises is not cached
     for row in rows:
         try:
-            of = attrgetter(row.value) if isinstance(row.value, str) else row.value
-            value = float(of(work))
+            value = float(
+                _shared(work, row.value, failed) if isinstance(row.value, str) else row.value(work)
+            )
         except (DataError, FitError) as reason:
             unavailable[row.symbol] = str(reason)
         else:
             quantities.append(Quantity(value, row.unit, row.text, symbol=row.symbol))
     return quantities, unavailable
+
+
+def _shared(work: object, path: str, failed: dict[str, DataError | FitError]) -> Any:
+    """Return an attribute of what several rows share; what failed for one of them is not tried again."""
+    owner, _, name = path.rpartition(".")
+    if owner in failed:
+        raise failed[owner]
+    try:
+        found = attrgetter(owner)(work) if owner else work
+    except (DataError, FitError) as reason:
+        failed[owner] = reason
+        raise
+    return getattr(found, name)
 
 
 # ---- parameters by name, evaluated on many drawings at once: rows of valid heights -------------

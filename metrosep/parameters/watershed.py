@@ -14,9 +14,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -27,6 +26,8 @@ from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 
 __all__ = [
+    "LARGEST_GAP",
+    "LARGEST_HOLE",
     "Ground",
     "Hills",
     "Peaks",
@@ -43,6 +44,10 @@ _FIVE = 5
 
 LARGEST_HOLE = 50
 """Pixels of a hole that is filled for the segmentation: metrology-2, 5.1 (a rule of this project)."""
+LARGEST_GAP = 8
+"""Samples of a gap of a profile that is filled likewise: a round hole of 50 pixels is as wide."""
+_SOUND = 1e-6
+"""Least over largest eigenvalue of a quadratic's equations: below, rounding and noise decide."""
 _SIGMA = 2.0
 """Pixels, of the Gaussian weight around a filled pixel."""
 _AMONG = 2.0 / 3.0
@@ -68,6 +73,7 @@ class Peaks:
     prominences: FloatArray
     threshold: float  # m: least prominence that was asked for
     is_filled: NDArray[np.bool_]  # shape (n_y, n_x): pixels that were filled
+    is_edge: NDArray[np.bool_]  # shape (n_y, n_x): border of the map or of a hole
     filled: FloatArray  # shape (n_y, n_x), m: heights with the filled pixels; -inf not measured
     # shape (n_y, n_x): hill of each pixel before pruning, 0 not measured; and what became of each: its
     # hill after pruning, which those have too whose peak is not given because it stands at an edge
@@ -139,7 +145,7 @@ def significant_peaks(
     return peaks_of(ground, pruning=pruning, threshold=threshold)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Ground:
     """A map that is ready to be segmented: its small holes are filled."""
 
@@ -147,12 +153,24 @@ class Ground:
     filled: FloatArray
     heights: FloatArray
     is_filled: NDArray[np.bool_]  # shape (n_y, n_x): pixels that were filled
+    is_edge: NDArray[np.bool_]  # shape (n_y, n_x): border of the map or of a hole; see `_at_edge`
+
+    upright: Ground | None = None  # what this is upside down
 
     def turned_over(self) -> Ground:
         """Return the ground upside down: its peaks are the pits."""
         filled = np.negative(self.filled)
         filled[filled == math.inf] = -math.inf
-        return Ground(filled, -self.heights, self.is_filled)
+        return Ground(filled, -self.heights, self.is_filled, self.is_edge, self)
+
+    @cached_property
+    def rings(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Bits of the ring around each pixel that are higher, and not lower; of a pixel not measured none."""
+        if self.upright is None:
+            return _rings(self.filled)
+        known = _known_ring(self.filled > -math.inf)
+        higher, not_lower = self.upright.rings
+        return known & ~not_lower, known & ~higher
 
 
 def ground_of(z: ArrayLike, *, largest_hole: int = LARGEST_HOLE) -> Ground:
@@ -164,8 +182,9 @@ def ground_of(z: ArrayLike, *, largest_hole: int = LARGEST_HOLE) -> Ground:
     if not measured.any():
         raise InvalidSamplesError("no pixel is valid: there are no peaks")
     is_filled = _small_holes(measured, int(largest_hole))
-    filled = _with_filled(heights, measured, is_filled) if is_filled.any() else heights
-    return Ground(np.where(measured | is_filled, filled, -math.inf), heights, is_filled)
+    filled = _with_filled(heights, is_filled) if is_filled.any() else heights
+    known = measured | is_filled
+    return Ground(np.where(known, filled, -math.inf), heights, is_filled, _at_edge(known))
 
 
 def peaks_of(ground: Ground, *, pruning: float = 0.05, threshold: float | None = None) -> Peaks:
@@ -179,9 +198,9 @@ def peaks_of(ground: Ground, *, pruning: float = 0.05, threshold: float | None =
     if threshold is None:
         threshold = pruning * (highest - lowest)
     measured = filled > -math.inf
-    labels, tops, complete = _hills(filled, measured)
+    labels, tops, complete = _hills(filled, measured, ground.is_edge)
     prominences, hill = _prominences(
-        *_saddles(filled, labels, tops.size), filled.reshape(-1)[tops], threshold
+        *_saddles(ground, labels, tops.size), filled.reshape(-1)[tops], threshold
     )
     _limit_to_region(prominences, filled, measured, tops)
     # A flat shoulder ends its own paths, at no height above the saddle to the hill behind it.
@@ -195,6 +214,7 @@ def peaks_of(ground: Ground, *, pruning: float = 0.05, threshold: float | None =
         prominences[kept],
         threshold,
         ground.is_filled,
+        ground.is_edge,
         filled,
         labels,
         np.append(np.int32(0), hill),
@@ -215,61 +235,65 @@ def _small_holes(measured: NDArray[np.bool_], largest: int) -> NDArray[np.bool_]
     small = np.bincount(holes.reshape(-1), minlength=n + 1) <= largest
     small[0] = False
     at_border = np.zeros(n + 1, dtype=bool)
-    for side in (holes[0], holes[-1], holes[:, 0], holes[:, -1]):
+    ends = (holes[:, 0], holes[:, -1])
+    for side in (holes[0], holes[-1], *ends) if measured.shape[0] > 1 else ends:
         at_border[side] = True
     wanted = small[holes]
     if (small & at_border).any():
-        share = ndimage.uniform_filter(measured.astype(np.float64), 2 * _NEAR + 1, mode="reflect")
-        wanted &= ~at_border[holes] | (share > _AMONG)
+        rows, columns = np.nonzero(wanted & at_border[holes])
+        around = _around(
+            np.pad(measured, _NEAR, mode="symmetric"), rows + _NEAR, columns + _NEAR, _NEAR
+        )
+        wanted[rows, columns] = around.mean(axis=1) > _AMONG
     return np.asarray(wanted)
 
 
-def _with_filled(
-    heights: FloatArray, measured: NDArray[np.bool_], wanted: NDArray[np.bool_]
-) -> FloatArray:
+def _with_filled(heights: FloatArray, wanted: NDArray[np.bool_]) -> FloatArray:
     """Return the heights with the wanted pixels filled, each from the measured ones around it."""
     out = heights.copy()
+    margin = (_FAR if heights.shape[0] > 1 else 0, _FAR)
+    wide = np.pad(heights, [(m, m) for m in margin], constant_values=np.nan)
     rows, columns = np.nonzero(wanted)
     for start in range(0, rows.size, 4096):  # windows of 4096 pixels are 10 MB
         some = slice(start, start + 4096)
-        out[rows[some], columns[some]] = _quadratic(
-            heights, measured, rows[some], columns[some], _NEAR
-        )
+        at = (rows[some] + margin[0]) * wide.shape[1] + columns[some] + margin[1]
+        out[rows[some], columns[some]] = _quadratic(wide, at, _NEAR)
     rows, columns = np.nonzero(wanted & np.isnan(out))  # in the middle of a round hole
     if rows.size:
-        out[rows, columns] = _quadratic(heights, measured, rows, columns, _FAR)
+        at = (rows + margin[0]) * wide.shape[1] + columns + margin[1]
+        out[rows, columns] = _quadratic(wide, at, _FAR)
     return out
 
 
-def _quadratic(
-    heights: FloatArray, measured: NDArray[np.bool_], rows: IntArray, columns: IntArray, reach: int
-) -> FloatArray:
-    """Return the weighted quadratic of the pixels within `reach` at each pixel; NaN if too few.
+def _quadratic(wide: FloatArray, at: IntArray, reach: int) -> FloatArray:
+    """Return the weighted quadratic of the pixels within `reach` at each place of a flat map; NaN if too few.
 
     Without the six coefficients being determined (fewer pixels, or all on two lines) the near
     window gives NaN and the far one the solution of least norm.
     """
     dy, dx = (v.reshape(-1) for v in np.mgrid[-reach : reach + 1, -reach : reach + 1])
-    disc = dx * dx + dy * dy <= reach * reach
+    is_map = wide.shape[0] > 1
+    disc = dx * dx + dy * dy <= (reach * reach if is_map else np.where(dy, -1, reach * reach))
     dy, dx = dy[disc], dx[disc]
     weight = np.exp(-0.5 * (dx * dx + dy * dy) / _SIGMA**2)
     u, v = dx / reach, dy / reach
-    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
-    y, x = rows[:, None] + dy, columns[:, None] + dx
-    inside = (y >= 0) & (y < heights.shape[0]) & (x >= 0) & (x < heights.shape[1])
-    y, x = np.where(inside, y, 0), np.where(inside, x, 0)
-    w = np.where(inside & measured[y, x], weight, 0.0)
-    z = np.where(w > 0.0, heights[y, x], 0.0)
+    terms = np.stack([np.ones_like(u), u, u * u, *((v, u * v, v * v) if is_map else ())], axis=1)
+    z = wide.reshape(-1).take(at[:, None] + (dy * wide.shape[1] + dx))
+    w = np.where(z == z, weight, 0.0)
+    z[np.isnan(z)] = 0.0
     n = (w > 0.0).sum(axis=1)
     middle = z.sum(axis=1) / np.maximum(n, 1)
     squares = (terms[:, :, None] * terms[:, None, :]).reshape(dx.size, -1)
     with one_blas_thread():
-        gram = (w @ squares).reshape(-1, 6, 6)
+        gram = (w @ squares).reshape(-1, terms.shape[1], terms.shape[1])
         right = (w * (z - middle[:, None])) @ terms
-    values = np.linalg.eigvalsh(gram)
-    sound = values[:, 0] > 1e-6 * values[:, -1]  # else rounding and noise decide
+    constant, least = _constant_term(gram, right)
+    sound = least > _SOUND * np.trace(gram, axis1=1, axis2=2)
+    unsure = np.flatnonzero(~sound)  # a bound: the smallest eigenvalue itself decides
+    values = np.linalg.eigvalsh(gram[unsure])
+    sound[unsure] = values[:, 0] > _SOUND * values[:, -1]
     level = middle.copy()
-    level[sound] += np.linalg.solve(gram[sound], right[sound][..., None])[:, 0, 0]
+    level[sound] += constant[sound]
     rest = np.nonzero(~sound)[0]
     if reach == _NEAR:
         level[rest] = np.nan
@@ -279,29 +303,56 @@ def _quadratic(
     return np.asarray(level)
 
 
+def _constant_term(gram: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the first unknown of many small symmetric systems, and a bound below their least eigenvalue.
+
+    Elimination from the last unknown upwards, for all systems at once. With the determinant D, which is
+    the product of the pivots, and the trace T of n unknowns the least eigenvalue is at least
+    D ((n - 1) / T)^(n - 1). NaN where a pivot is 0.
+    """
+    n = right.shape[1]
+    a, b = np.moveaxis(gram, 0, -1).copy(), right.T.copy()
+    trace = np.einsum("iik->k", a)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        determinant = np.ones_like(trace)
+        for j in range(n - 1, 0, -1):
+            determinant *= np.maximum(a[j, j], 0.0)
+            for i in range(j):
+                factor = a[j, i] / a[j, j]
+                a[i, : i + 1] -= factor * a[j, : i + 1]
+                b[i] -= factor * b[j]
+        determinant *= np.maximum(a[0, 0], 0.0)
+        least = determinant * ((n - 1) / trace) ** (n - 1)
+        return b[0] / a[0, 0], np.nan_to_num(least)
+
+
 def _hills(
-    filled: FloatArray, measured: NDArray[np.bool_]
+    filled: FloatArray, measured: NDArray[np.bool_], is_edge: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int32], IntArray, NDArray[np.bool_]]:
     """Return the hill of each pixel (from 1; 0 not measured), and of each peak: index and inside.
 
     The index is that of the flat map. Inside means that all pixels around the peak were measured.
     """
-    from scipy import ndimage
-
-    eight = np.ones((3, 3), dtype=bool)
     target = _steepest_ascent(filled)
     ends = target == np.arange(filled.size).reshape(filled.shape)
     summits = ends & measured
-    markers, n = ndimage.label(summits, structure=eight)
+    index = np.flatnonzero(summits)
+    of, n = _flat_tops(summits, index)
     ways = target.reshape(-1)
-    further = np.empty_like(ways)
-    while not np.array_equal(ways.take(ways, out=further, mode="clip"), ways):
-        ways, further = further, ways
-    labels = markers.reshape(-1).take(ways).reshape(filled.shape)
+    further = ways.take(ways)
+    at = np.flatnonzero(further != ways)
+    while at.size:  # each step doubles the way; the others have arrived
+        ways = further
+        further = ways.copy()
+        here = ways.take(at)
+        there = ways.take(here)
+        further[at] = there
+        at = at[there != here]
+    markers = np.zeros(filled.size, dtype=np.int32)
+    markers[index] = of + 1
+    labels = markers.take(ways).reshape(filled.shape)
     labels[~measured] = 0
     # Of a flat top: the pixel nearest its middle.
-    index = np.nonzero(summits.reshape(-1))[0]
-    of = markers.reshape(-1)[index] - 1
     rows, columns = np.divmod(index, filled.shape[1])
     size = np.bincount(of, minlength=n)
     middle_y = np.bincount(of, rows, minlength=n) / size
@@ -309,23 +360,36 @@ def _hills(
     off = (rows - middle_y[of]) ** 2 + (columns - middle_x[of]) ** 2
     order = np.lexsort((off, of))
     first = np.searchsorted(of[order], np.arange(n))
-    open_ = np.bincount(of, _at_edge(measured).reshape(-1)[index], minlength=n) > 0
-    return np.asarray(labels, dtype=np.int32), index[order[first]], ~open_
+    open_ = np.bincount(of, is_edge.reshape(-1)[index], minlength=n) > 0
+    return labels, index[order[first]], ~open_
+
+
+def _flat_tops(summits: NDArray[np.bool_], index: IntArray) -> tuple[IntArray, int]:
+    """Return the number of the top that each summit pixel belongs to, from 0, and how many tops there are."""
+    from scipy import ndimage
+
+    touch = (summits[1:] & summits[:-1]).any() or (summits[:, 1:] & summits[:, :-1]).any()
+    touch = touch or (summits[1:, 1:] & summits[:-1, :-1]).any()
+    if not touch and not (summits[1:, :-1] & summits[:-1, 1:]).any():
+        return np.arange(index.size), index.size
+    markers, n = ndimage.label(summits, structure=np.ones((3, 3), dtype=bool))
+    return markers.reshape(-1)[index].astype(np.intp) - 1, n
 
 
 def _at_edge(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the pixels at the border of the map (of a row: its ends) or beside one not measured."""
-    from scipy import ndimage
-
     is_map = measured.shape[0] > 1
-    edge = np.zeros(measured.shape, dtype=bool)
+    inside = measured.copy()
     if not measured.all():
-        window = np.ones((3, 3) if is_map else (1, 3), dtype=bool)
-        edge = ndimage.binary_dilation(~measured, structure=window)
-    edge[:, 0] = edge[:, -1] = True
+        for axis in (1, 0) if is_map else (1,):  # three in a row, along both axes
+            line = np.moveaxis(inside, axis, 0)
+            before = line.copy()
+            line[1:] &= before[:-1]
+            line[:-1] &= before[1:]
+    inside[:, 0] = inside[:, -1] = False
     if is_map:
-        edge[0] = edge[-1] = True
-    return np.asarray(edge)
+        inside[0] = inside[-1] = False
+    return ~inside
 
 
 def _steepest_ascent(filled: FloatArray) -> NDArray[np.int64]:
@@ -424,7 +488,7 @@ def _limit_to_region(
     prominence[alone] = filled.reshape(-1)[at] - lowest[regions.reshape(-1)[at] - 1]
 
 
-def _saddles(filled: FloatArray, labels: NDArray[np.int32], n: int) -> tuple[IntArray, FloatArray]:
+def _saddles(ground: Ground, labels: NDArray[np.int32], n: int) -> tuple[IntArray, FloatArray]:
     """Return where hills touch: n times the lower number, from 0, plus the higher one; and heights.
 
     A pixel joins its hill to those of the higher pixels around it, at its own height. Where all of
@@ -435,11 +499,14 @@ def _saddles(filled: FloatArray, labels: NDArray[np.int32], n: int) -> tuple[Int
     fall_apart = _parts_of_a_ring() > 1
     keys: list[IntArray] = []
     levels: list[FloatArray] = []
-    flat, heights, width = labels.reshape(-1), filled.reshape(-1), labels.shape[1]
-    for start, higher, not_lower in _around_each(filled):
-        here = np.flatnonzero(fall_apart[higher] | (higher != not_lower))
-        wanted = not_lower.reshape(-1)[here]
-        here += start * width
+    higher, not_lower = (v.reshape(-1) for v in ground.rings)
+    flat, heights, width = labels.reshape(-1), ground.filled.reshape(-1), labels.shape[1]
+    strip = _STRIP * width  # pixels that stay in the cache
+    for start in range(0, flat.size, strip):
+        part = slice(start, start + strip)
+        here = np.flatnonzero(fall_apart[higher[part]] | (higher[part] != not_lower[part]))
+        here += start
+        wanted = not_lower[here]
         for bit, (dy, dx) in enumerate(_RING):
             at = here[(wanted & np.uint8(1 << bit)) != 0]
             a, b = flat[at], flat[at + (dy * width + dx)]
@@ -450,26 +517,32 @@ def _saddles(filled: FloatArray, labels: NDArray[np.int32], n: int) -> tuple[Int
     return np.concatenate(keys), np.concatenate(levels)
 
 
-def _around_each(
-    filled: FloatArray,
-) -> Iterator[tuple[int, NDArray[np.uint8], NDArray[np.uint8]]]:
-    """Give rows from a number on: bits of the ring around each pixel that are higher, and not lower.
-
-    Around a pixel that was not measured there are none.
-    """
+def _rings(filled: FloatArray) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return what `Ground.rings` does, from the heights."""
     n_y, n_x = filled.shape
     padded = np.pad(filled, 1, constant_values=-math.inf)
+    higher, not_lower = (np.zeros(filled.shape, dtype=np.uint8) for _ in range(2))
     for start in range(0, n_y, _STRIP):  # strips that stay in the cache
         stop = min(start + _STRIP, n_y)
         middle = filled[start:stop]
-        higher, not_lower = (np.zeros(middle.shape, dtype=np.uint8) for _ in range(2))
         for bit, (dy, dx) in enumerate(_RING):
             neighbour = padded[1 + dy + start : 1 + dy + stop, 1 + dx : 1 + dx + n_x]
-            higher |= (neighbour > middle).view(np.uint8) << np.uint8(bit)
-            not_lower |= (neighbour >= middle).view(np.uint8) << np.uint8(bit)
+            higher[start:stop] |= (neighbour > middle).view(np.uint8) << np.uint8(bit)
+            not_lower[start:stop] |= (neighbour >= middle).view(np.uint8) << np.uint8(bit)
         for bits in (higher, not_lower):
-            bits[middle == -math.inf] = 0
-        yield start, higher, not_lower
+            bits[start:stop][middle == -math.inf] = 0
+    return higher, not_lower
+
+
+def _known_ring(measured: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return bits of the ring around each measured pixel that were measured."""
+    n_y, n_x = measured.shape
+    padded = np.pad(measured.view(np.uint8), 1)
+    known = np.zeros(measured.shape, dtype=np.uint8)
+    for bit, (dy, dx) in enumerate(_RING):
+        known |= padded[1 + dy : 1 + dy + n_y, 1 + dx : 1 + dx + n_x] << np.uint8(bit)
+    known[~measured] = 0
+    return known
 
 
 _RING = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
@@ -572,7 +645,7 @@ def closed_hills(peaks: Peaks, height: float, dx: float, dy: float) -> Hills:
        at this height.
     """
     high = np.flatnonzero(peaks.filled >= height)
-    edge = _at_edge(peaks.filled > -math.inf).reshape(-1)
+    edge = peaks.is_edge.reshape(-1)
     size = peaks.n_hills + 1
     label = peaks.after.take(peaks.before.take(high))
     z = peaks.filled.take(high)

@@ -84,6 +84,50 @@ def accepted(n, rule, *, sequential):
     ]
 
 
+def staged(values, limit):
+    """ISO 4288 written down anew: verdict, and how many values were looked at."""
+    if values[0] <= 0.7 * limit:
+        return "accept", 1
+    above = list(itertools.accumulate(int(v > limit) for v in values))
+    for seen, allowed in ((3, 0), (6, 1), (12, 2)):
+        hopeless = next((k + 1 for k, n in enumerate(above[:seen]) if n > 2), None)
+        if hopeless is not None:
+            return "reject", None  # the stage may be finished or not
+        if len(values) < seen:
+            return "inconclusive", len(values)
+        if above[seen - 1] <= allowed:
+            return "accept", seen
+    return "reject", 12
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5, 6, 7, 11, 12])
+def test_stages_of_every_sequence(n):
+    """All sequences of low, good and bad values; of the longest ones 2000 drawn."""
+    kinds = (0.65, 0.95, 1.05)
+    rng = np.random.default_rng(n)
+    drawn = rng.choice(kinds, (2000, n), p=(0.1, 0.6, 0.3))
+    for values in itertools.product(kinds, repeat=n) if n < 8 else drawn.tolist():
+        verdict, used = staged(values, 1.0)
+        found = judge_values(values, upper=1.0, rule="16%", sequential=True)
+        assert found.verdict == verdict, values
+        assert used is None or len(found.values) == used, values
+
+
+def test_each_limit_is_a_requirement_of_its_own():
+    """One of six above and one below: at each limit one in six."""
+    six = [0.5, 1.0, 1.0, 1.0, 1.0, 1.5]
+    both = {"lower": 0.8, "upper": 1.2}
+    assert judge_values(six, rule="16%", **both).verdict == "accept"
+    assert judge_values([0.5, 0.5, *six[2:]], rule="16%", **both).verdict == "reject"
+    assert judge_values(six, rule="max", **both).verdict == "reject"
+    stages = judge_values(six, rule="16%", sequential=True, **both)
+    # the upper limit is settled by three values, the lower one by six
+    assert (stages.verdict, len(stages.values), stages.n_outside) == ("accept", 6, 1)
+    assert "lower limit" in stages.sentence and "upper limit" in stages.sentence
+    near = judge_values([1.0] * 5 + [1.15], rule="16%", U=0.1, **both)
+    assert near.verdict == "accept"  # one may be beyond
+
+
 def test_guard_band_makes_a_count_inconclusive():
     for rule in ("max", "16%", "median"):
         near = judge_values([0.96] * 6, upper=1.0, rule=rule, U=0.1)
