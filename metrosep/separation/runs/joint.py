@@ -234,7 +234,11 @@ def separate_joint(
         ),
         *([_PARTS] if lines_of_parts else []),
         *_thin(runs, first, last),
-        *_unheld_waves(options.waves, high - low, period / n_harmonics / HELD_SHARE),
+        *options.unheld_waves(
+            (period / n_harmonics / HELD_SHARE, high - low),
+            [_pitch(r) for r in prepared],
+            sampled=limit in ("sampling", "data"),
+        ),
         *sentences,
         *hint_options(solution, prepared, options),
     )
@@ -352,22 +356,14 @@ def _checked_lag(lag: Any) -> float:
     return value
 
 
-def _unheld_waves(waves: Sequence[float], longest: float, shortest: float) -> list[str]:
-    """Name the stated wavelengths that are not looked for."""
-    out = [format_length(w) for w in waves if not shortest <= w <= longest]
-    if not out:
-        return []
-    sentence = (
-        f"waves {', '.join(out)}: not looked for, since only waves from {format_length(shortest)} to "
-        f"the travel of {format_length(longest)} are"
-    )
-    return [sentence]
+def _pitch(run: PreparedRun) -> float:
+    return float(np.ptp(run.x)) / max(run.x.size - 1, 1)
 
 
 def _n_harmonics(
     runs: list[PreparedRun], *, period: float, shortest: float | None
 ) -> tuple[int, str]:
-    pitch = max(float(np.ptp(r.x)) / max(r.x.size - 1, 1) for r in runs)
+    pitch = max(_pitch(r) for r in runs)
     rows = sum(int((~np.isnan(r.z)).sum()) for r in runs)
     by_data = max(
         (rows - len(runs)) // 2, 4
