@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -309,8 +309,7 @@ class Solution:
         return [np.where(marked, np.nan, residual) for residual, marked in pairs]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _WithLag:
+class _WithLag(NamedTuple):
     """The mean over the splits of a lag, with what it leaves open."""
 
     answer: Answer
@@ -332,10 +331,8 @@ def _answer_with_lag(model: Model) -> _WithLag:
 
     lag, variance = mean([p.lag for p in parts], [p.variance for p in parts])
     read, own = mean([p.read for p in parts], [p.own for p in parts])
-    answer = _mean_answer(weights, [p.answer for p in parts])
-    return _WithLag(
-        answer, lag, math.sqrt(variance), read, own, parts[int(np.argmax(weights))].gain
-    )
+    one, gain = _mean_answer(weights, [p.answer for p in parts]), parts[np.argmax(weights)].gain
+    return _WithLag(one, lag, math.sqrt(variance), read, own, gain)
 
 
 def _mean_answer(weights: Sequence[float], answers: Sequence[Answer]) -> Answer:
