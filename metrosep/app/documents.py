@@ -27,7 +27,7 @@ from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, MetrosepError, ReadError, WriteError
 from metrosep.core.inside import reading_inside
 from metrosep.core.readable import said_value
-from metrosep.core.units import Pixels
+from metrosep.core.units import with_px
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.written.extends import Admits
 
@@ -674,12 +674,10 @@ def text_key(value: Any) -> str:
     >>> text_key({"op": "crop", "x": (0.0, 1.0)}) == text_key({"x": [0.0, 1.0], "op": "crop"})
     True
     """
-    return json.dumps(_remembered_plain(value), sort_keys=True, default=str)
+    return json.dumps(_remembered_plain(with_px(value)), sort_keys=True, default=str)
 
 
 def _remembered_plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(k): _remembered_plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_remembered_plain(v) for v in value]
-    return str(value) if isinstance(value, Pixels) else value
+    return [_remembered_plain(v) for v in value] if isinstance(value, list | tuple) else value

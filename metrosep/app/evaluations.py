@@ -45,6 +45,11 @@ class Outcome:
     shift: tuple[float, float] = (0.0, 0.0)
     is_partial: bool = False  # whether steps are still to come, which is no failure
 
+    @property
+    def done(self) -> int | None:
+        """How many steps the picture is of, where the others are still to come; else None."""
+        return len(self.stages) if self.is_partial else None
+
     def after(self, stage: int) -> Surface | Profile:
         """Return the measurement after a step; where it was not reached, before the one that failed."""
         if self.failed is not None and stage >= self.failed:
@@ -152,7 +157,13 @@ class Evaluations:
                 obj = kept.stages[-1].obj if kept.stages else source
                 try:
                     (stage,) = run_steps(
-                        obj, [steps[i]], first=i, cancel=cancel, tell=tell, preview=is_preview
+                        obj,
+                        [steps[i]],
+                        first=i,
+                        before=steps[:i],
+                        cancel=cancel,
+                        tell=tell,
+                        preview=is_preview,
                     )
                 except CancelledError:
                     raise

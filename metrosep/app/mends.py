@@ -14,7 +14,7 @@ from metrosep.app.wire import field_words
 from metrosep.core.errors import DataError, Example, MetrosepError, RecipeError
 from metrosep.core.numbers import positive
 from metrosep.core.units import format_length
-from metrosep.io.source import lateral_steps
+from metrosep.io.source import declared_steps
 
 __all__ = ["mends_of_edit", "mends_of_refusal", "mends_of_step", "mends_of_table", "scale"]
 
@@ -96,7 +96,7 @@ def scale(
             "give either the size of a pixel or the length of the section, one of the two"
         )
     if step:
-        lateral_steps(step)
+        declared_steps(step)
         return {"lateral_step": step}, {}
     length = positive(known, "length of the section", dimension="length")
     pixels = positive(message.get("px"), "length of the section in px")

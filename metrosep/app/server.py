@@ -67,7 +67,7 @@ from metrosep.core.readable import said_value
 from metrosep.core.regions import counts_pixels
 from metrosep.core.sections import is_calibrated, section_profile
 from metrosep.core.surface import Surface
-from metrosep.recipe.pipeline import CancelledError
+from metrosep.recipe.pipeline import CancelledError, lost_pixels
 
 __all__ = ["STATIC", "Guard", "make_app", "new_cookie", "new_token", "safe_headers"]
 
@@ -597,7 +597,7 @@ class PictureAnswers:
         header, arrays = map_frame(view, extent, is_preview=outcome.is_preview)
         full = self.session.evaluations
         source = None if full is None else full.obj
-        header |= {"pixel": None, "first": None, "failed": outcome.failed}
+        header |= {"pixel": None, "first": None, "failed": outcome.failed, "done": outcome.done}
         if isinstance(source, Surface) and is_calibrated(source):
             header |= {"pixel": [source.dx, source.dy], "first": source.origin}
         return header, arrays
@@ -638,6 +638,8 @@ class PictureAnswers:
         arrays: Arrays = {}
         columns = message.get("columns") or 1000
         for i, section in enumerate(document.recipe.sections):
+            if lost_pixels(document.recipe.steps, section):
+                continue  # as below
             try:
                 line = heights_along(obj, section)
             except DataError:
@@ -669,7 +671,7 @@ class PictureAnswers:
             )
             arrays |= profile_arrays(view, f"{name}_")
         whole = [float(obj.x[0]), float(obj.x[-1])]
-        header = {"is_preview": outcome.is_preview, "failed": outcome.failed}
+        header = {"is_preview": outcome.is_preview, "failed": outcome.failed, "done": outcome.done}
         return {**header, "extent": message.get("window") or whole}, arrays
 
     def spectrum(self, message: Message, cancel: Cancel) -> Answer:

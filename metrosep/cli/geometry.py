@@ -192,8 +192,6 @@ def _recipe_text(
     lines += ["", "[[step]]", f"op = {quoted(what)}"]
     for key, value in of_step:
         name = key.replace("-", "_")
-        if f"{name} = " in "\n".join(lines[lines.index("[[step]]") :]):
-            raise click.UsageError(f"--set {name} is given twice")
         lines.append(f"{name} = {typed(name, value, fields)}")
     for symbol in {**given["lower"], **given["upper"]}:
         lines += ["", "[[check]]", f"metric = {quoted(symbol)}"]

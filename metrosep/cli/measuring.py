@@ -24,7 +24,7 @@ from metrosep.cli.options import (
 )
 from metrosep.cli.shortcut import input_lines, option_error, quoted
 from metrosep.core.limits import RULES
-from metrosep.core.surface import lateral_steps
+from metrosep.core.units import format_length
 
 if TYPE_CHECKING:
     from metrosep.core.errors import RecipeError
@@ -40,12 +40,7 @@ _WORST_FIRST = (4, 2, 1, 3)
 
 
 def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
-    found: dict[str, str] = {}
-    for name, value in name_values(texts, option):
-        if name in found:
-            raise click.UsageError(f"{option} is given twice for {name}")
-        found[name] = value
-    return found
+    return dict(name_values(texts, option))
 
 
 def _names(text: str | None) -> tuple[str, ...]:
@@ -584,21 +579,23 @@ def form(
     phase(f"fitting {form_text.partition(':')[0]} to {Path(file).name}")
     try:
         given = {k: v for k, v in step.items() if v is not None}
-        result = run_step(obj, {"op": "form", **given}).detail
+        stage = run_step(obj, {"op": "form", **given})
     except StepError as error:
         text = str(error).removeprefix(f"{error.key}: ")
         raise click.UsageError(f"--{error.key}: {text}") from None
-    if result is None:  # a plane over pixels has no parameters to print
-        lateral_steps(obj)
     if residual is not None:
-        write(result.residual, residual)
+        write(stage.obj, residual)
         say(f"residual -> {residual}")
+    fit = stage.detail  # none of a map without scale: its parameters would be per pixel
+    facts = stage.audit if fit is None else fit.to_dict()
+    rms, pv = facts["rms_m"], facts["pv_m"]
     if as_json:
-        content = {"file": Path(file).name, **result.to_dict()}
-        content.update(rms_nm=result.rms * 1e9, pv_nm=result.peak_to_valley * 1e9)
+        content = {"file": Path(file).name, **facts, "rms_nm": rms * 1e9, "pv_nm": pv * 1e9}
         click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
     else:
-        click.echo(result.report())
+        over = f"{facts['form']} fitted to {facts['n_points']} points"
+        left = f"residual RMS {format_length(rms)}, P-V {format_length(pv)}"
+        click.echo("\n".join((over, left, *stage.messages)) if fit is None else fit.report())
         if residual is not None:
             say_next("path", "IN.nc", "--error", residual, "-o", "OUT.nc")
     return 0

@@ -166,20 +166,39 @@ def file_options(command: Callable[..., int]) -> Callable[..., int]:
 
 
 def _settings(texts: tuple[str, ...]) -> dict[str, Any]:
-    """Return what ``--set`` gave, by name; the last of a name counts."""
+    """Return what ``--set`` gave, by name."""
     given = ((name.replace("-", "_"), value) for name, value in name_values(texts, "--set"))
-    return {name: int(value) if value.isdecimal() else value for name, value in given}
+    return {name: value if whole(value) is None else int(value) for name, value in given}
 
 
 def name_values(texts: tuple[str, ...], option: str) -> list[tuple[str, str]]:
-    """Return the names and values of an option that is written NAME=VALUE."""
-    found = []
+    """Return the names and values of an option that is written NAME=VALUE, each name once."""
+    found: dict[str, tuple[str, str]] = {}
     for text in texts:
         name, _, value = (part.strip() for part in text.partition("="))
         if not name or not value:
             raise click.UsageError(f"{option} takes NAME=VALUE, found {text!r}")
-        found.append((name, value))
-    return found
+        key = name.replace("-", "_")
+        if key in found:
+            raise click.UsageError(f"{option} {name} is given twice: keep one")
+        found[key] = (name, value)
+    return list(found.values())
+
+
+def whole(text: str) -> str | None:
+    """Return a typed count as TOML writes it, 06 as 6; None of anything else.
+
+    Examples
+    --------
+    >>> whole("06"), whole("6 um"), whole("-6")
+    ('6', None, None)
+    """
+    digits = text.strip()
+    return str(int(digits)) if digits.isdecimal() and len(digits) <= _LONGEST else None
+
+
+_LONGEST = 18
+"""Digits of a count: more do not fit into the 63 bits that a number of TOML has."""
 
 
 def named_options(command: F) -> F:

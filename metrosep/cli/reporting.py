@@ -513,10 +513,7 @@ def diff(a: str, b: str, tolerances: tuple[str, ...], as_json: bool) -> int:
     """
     from metrosep.core.errors import DataError, ReadError
 
-    pairs = name_values(tolerances, "--tolerance")
-    allowed: dict[str, float | str] = dict(pairs)
-    if len(allowed) < len(pairs):
-        raise click.UsageError("--tolerance names a value twice; give one tolerance for each")
+    allowed: dict[str, float | str] = dict(name_values(tolerances, "--tolerance"))
     phase(f"reading {a} and {b}")
     (kind, one), (kind_b, two) = _load(a), _load(b)
     if kind != kind_b:

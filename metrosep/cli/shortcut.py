@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from metrosep.cli.options import name_values, whole
 from metrosep.core.readable import did_you_mean
 from metrosep.core.text_options import TEXT_OPTIONS
 
@@ -92,7 +93,7 @@ def _with_own(
     label: str, controller: str, texts: Iterable[str], options: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return the options of one table."""
-    from metrosep.cli.options import USUAL_SPACING, USUAL_TURN, lacking_facts, name_values
+    from metrosep.cli.options import USUAL_SPACING, USUAL_TURN, lacking_facts
     from metrosep.compensation.area_errors import is_rotary
     from metrosep.controllers.registry import find, names
     from metrosep.recipe.preflight import which_axis
@@ -183,7 +184,7 @@ def _table_lines(made: Mapping[str, Any]) -> list[str]:
             lines.append(f"{key} = {'true' if value in (True, 'true') else quoted(value)}")
     if made.get("degree") not in (None, "auto"):
         degree = str(made["degree"])
-        lines.append(f"degree = {degree if degree.isdecimal() else quoted(degree)}")
+        lines.append(f"degree = {whole(degree) or quoted(degree)}")
     lines.append(f"path = {quoted(made['path'])}")
     if made["machine"]:
         pairs = ", ".join(f"{name} = {quoted(value)}" for name, value in made["machine"].items())
@@ -201,7 +202,6 @@ def recipe_text(
     options: dict[str, Any], *, tables: Iterable[Mapping[str, Any]], report: bool
 ) -> str:
     """Return the recipe of a call as TOML."""
-    from metrosep.cli.options import name_values
     from metrosep.recipe.steps import STEPS
 
     lines = ["metrosep = 1", "", "[input]"]
@@ -221,7 +221,7 @@ def recipe_text(
     if options.get("poly") is not None:
         degree = str(options["poly"])
         lines += ["", "[[step]]", 'op = "polynomial"', 'quantity = "error"']
-        lines.append(f"degree = {degree if degree.isdecimal() else quoted(degree)}")
+        lines.append(f"degree = {whole(degree) or quoted(degree)}")
     for made in tables:
         lines += _table_lines(made)
     if report:
@@ -258,7 +258,7 @@ def of_reader(
 def input_lines(given: Mapping[str, Any], keys: Iterable[str]) -> list[str]:
     """Return the lines of ``[input]`` for the options that were given; a count is not a text."""
     return [
-        f"{k} = {given[k] if k == 'skip_rows' and str(given[k]).isdecimal() else quoted(given[k])}"
+        f"{k} = {(whole(str(given[k])) if k == 'skip_rows' else None) or quoted(given[k])}"
         for k in keys
         if given.get(k) is not None
     ]
@@ -317,9 +317,11 @@ def typed(key: str, value: str, fields: Mapping[str, Option]) -> str:
     if kind is KINDS["table"]:
         return _table(key, value)
     if (kind is KINDS["frequencies"] and value == "auto") or kind.written == "text":
-        number = field is not None and field.kind in ("degree", "spacing") and value.isdecimal()
-        return value if number else quoted(value)
-    if kind.written == "plain" or (kind is KINDS["waves"] and value.isdecimal()):
+        number = (
+            whole(value) if field is not None and field.kind in ("degree", "spacing") else None
+        )
+        return number or quoted(value)
+    if kind.written == "plain" or (kind is KINDS["waves"] and whole(value)):
         return _plain(key, value)
     if kind.written == "plain list":
         return "[" + ", ".join(_plain(key, v.strip()) for v in value.split(",")) + "]"
@@ -332,6 +334,7 @@ def _plain(key: str, value: str) -> str:
     """Return a number or true or false as it is; refuse what TOML does not know as one."""
     import tomllib
 
+    value = whole(value) or value
     try:
         tomllib.loads(f"v = {value}")
     except tomllib.TOMLDecodeError:
@@ -354,15 +357,8 @@ def _table(key: str, value: str) -> str:
                 "NAME=VALUE"
             ) from None
         return value
-    pairs = []
-    for item in value.split(","):
-        name, found, text = (part.strip() for part in item.partition("="))
-        if not (name and found and text):
-            raise click.UsageError(
-                f"--set {key}: NAME=VALUE is needed, with commas, found {item!r}"
-            )
-        pairs.append(f"{quoted(name)} = {text if text.isdecimal() else quoted(text)}")
-    return "{ " + ", ".join(pairs) + " }"
+    pairs = name_values(tuple(value.split(",")), f"--set {key}")
+    return "{ " + ", ".join(f"{quoted(k)} = {whole(v) or quoted(v)}" for k, v in pairs) + " }"
 
 
 def _nested(value: str, *, numbers: bool) -> str:

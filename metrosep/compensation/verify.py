@@ -769,6 +769,16 @@ def diagnosis(stack: Stack, result: Judgement, *, is_reversed: bool) -> str:
         exchanged[ways[0]], exchanged[ways[1]] = paper.c[ways[1]], paper.c[ways[0]]
         if fits(exchanged):
             return "it would fit with its forward and reverse columns exchanged"
+    if len(ways) == 2:
+        had, asked = (float(v[ways[1]].mean() - v[ways[0]].mean()) for v in (paper.c, -paper.a))
+        stepped = paper.c.copy()
+        stepped[ways[1]] += asked - had
+        if fits(stepped):
+            amount = stack.units.amount
+            return (
+                f"a lost motion (reverse - forward) of {amount(had - asked)} stays: set it as the backlash of "
+                "the control and measure again, or write a file that has a column for each direction"
+            )
     x = stack.x
     if fits(paper.moved((x.min() + x.max() - x)[None])[0]):
         return "it would fit mirrored: its positions run the other way"

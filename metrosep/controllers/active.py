@@ -66,10 +66,21 @@ class Active:
     sha256: str
     table: CompensationTable
     lookup: Simulator
+    is_zeroed: bool  # whether the axis would jump by what the file holds at its reference
 
     def added(self, new: CompensationTable) -> CompensationTable:
-        """Return the table that holds both."""
-        return combine_tables(self.table, new)
+        """Return the table that holds both, without an offset at the reference where none may be."""
+        both = combine_tables(self.table, new)
+        low, high = both.span
+        if not self.is_zeroed or not low <= both.reference <= high:
+            return both
+        there = both.at_reference
+        return replace(
+            both,
+            forward=both.forward - there,
+            reverse=None if both.reverse is None else both.reverse - there,
+            offset_removed=both.offset_removed + there,
+        )
 
     def require_temperature(self, new: CompensationTable) -> None:
         """Refuse to add, to a table held at 20 degC, one of readings whose temperature nobody states."""
@@ -174,7 +185,11 @@ def active_file(
         table = replace(table, **held_as(file, beside))
     lookup = dialect.lookup(data, file, **given)
     return Active(
-        file.name, hashlib.sha256(data).hexdigest(), _gone_on(table, lookup, new.span), lookup
+        file.name,
+        hashlib.sha256(data).hexdigest(),
+        _gone_on(table, lookup, new.span),
+        lookup,
+        find(controller).needs_zero,
     )
 
 

@@ -119,6 +119,8 @@ class Dialect(ABC):
 
     info: ClassVar[DialectInfo]
     options: ClassVar[tuple[Option, ...]] = ()
+    needs_zero: ClassVar[bool] = False
+    """Whether the axis jumps by a correction at its reference, so that a file that has one is refused."""
 
     @abstractmethod
     def encode(self, table: Any, **options: Any) -> Encoded:

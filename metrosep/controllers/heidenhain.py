@@ -79,7 +79,7 @@ _LARGEST = 9.0
 """Largest entry that fits its column, m or rad."""
 
 _COLUMNS = (6, 16, 16, 16)
-"""Width of the columns NR, AXISPOS, BACKLASH and that of each dependent axis."""
+"""Width of the columns NR, AXISPOS, BACKLASH and that of each dependent axis, where we write them."""
 _BEGIN = Line("BEGIN {name}.COM MM", name=Word(r"\w{1,16}"))
 _NAME = Line("{axis}_{targets}", axis=AXIS, targets=Word(r"[A-Z]\d?(?:_[A-Z]\d?)*"))
 _LONGEST = 16
@@ -304,8 +304,8 @@ def _opened(data: bytes, path: Path) -> _File:
             f"the first line is not 'BEGIN name.COM MM' but {lines[0][:60]!r}",
             hint="only tables in mm are read",
         )
-    targets = _targets(lines[1], path)
-    rows = [_row(line, i, len(targets), path) for i, line in enumerate(lines[2:-1])]
+    targets, starts = _columns(lines[1], path)
+    rows = [_row(line, i, starts, path) for i, line in enumerate(lines[2:-1])]
     if len(rows) > _CAPACITY:
         raise LimitError(f"{path}: {len(rows)} lines, the control takes {_CAPACITY}")
     return _File(begin["name"], targets, rows)
@@ -469,48 +469,51 @@ def _line(*cells: str) -> str:
     return "".join(c.ljust(w) for c, w in zip(cells, widths, strict=True)).rstrip()
 
 
-def _cells(line: str, n: int) -> list[str]:
-    """Return the cells of a line with n dependent axes, and what stands behind them."""
-    cells, start = [], 0
-    for width in (*_COLUMNS[:-1], *(_COLUMNS[-1:] * n)):
-        cells.append(line[start : start + width].strip())
-        start += width
-    return [*cells, line[start:].strip()]
+def _cells(line: str, starts: list[int]) -> list[str]:
+    """Return the cells of a line: one for each title, else those below the start of their title."""
+    if len(words := line.split()) == len(starts):
+        return words
+    ends = [*starts[1:], len(line)]
+    cells = [line[a:b] for a, b in zip(starts, ends, strict=True)]
+    for k, start in enumerate(starts[1:]):
+        if start < len(line) and not line[start - 1].isspace():  # it is of no single column
+            cells[k] = cells[k + 1] = line[starts[k] : ends[k + 1]]
+    return [line[: starts[0]] + cells[0], *cells[1:]]
 
 
-def _targets(line: str, path: Path) -> list[str]:
-    """Return the dependent axes of the line of titles."""
-    n = max(math.ceil((len(line) - sum(_COLUMNS[:-1])) / _COLUMNS[-1]), 1)
-    cells = _cells(line, n)
-    targets = cells[3:-1]
-    good = all(re.fullmatch(AXIS.pattern, t, re.ASCII) for t in targets)
-    if cells[:3] != [*_TITLES] or cells[-1] or not good:
+def _columns(line: str, path: Path) -> tuple[list[str], list[int]]:
+    """Return the dependent axes of the line of titles, and where its columns start: widths are the control's."""
+    titles = [(m[0], m.start()) for m in re.finditer(r"\S+", line)]
+    names, starts = [t for t, _ in titles], [at for _, at in titles]
+    targets = names[3:]
+    good = targets and all(re.fullmatch(AXIS.pattern, t, re.ASCII) for t in targets)
+    if names[:3] != [*_TITLES] or not good:
         raise CorruptFileError(
             path,
             f"the columns are not NR, AXISPOS, BACKLASH and one for each dependent axis but {line[:60]!r}",
             hint="names of axes are a capital and perhaps a digit; write the table again",
         )
-    if len({*targets}) < n:
+    if len({*targets}) < len(targets):
         raise CorruptFileError(
             path,
             f"two columns have the same name: {', '.join(targets)}",
             hint="a dependent axis has one column: write the table again",
         )
-    return targets
+    return targets, starts
 
 
-def _row(line: str, number: int, n: int, path: Path) -> tuple[str, ...]:
+def _row(line: str, number: int, starts: list[int], path: Path) -> tuple[str, ...]:
     """Return the texts of a line: position, reverse value or nothing, values."""
-    cells = _cells(line, n)
-    good = cells[0] == str(number) and not cells[-1]
-    good = good and all(_VALUE.fullmatch(c) for c in (cells[1], *cells[3:-1]))
+    cells = [c.strip() for c in _cells(line, starts)]
+    good = cells[0] == str(number) and all(_VALUE.fullmatch(c) for c in (cells[1], *cells[3:]))
     if not good or not (cells[2] == "" or _VALUE.fullmatch(cells[2])):
         raise CorruptFileError(
             path,
             f"line {number} of the table cannot be read: {line[:70]!r}",
-            hint="number, position, reverse value or nothing, value: write the table again",
+            hint="number, position, reverse value or nothing, value, each below its title: write the "
+            "table again",
         )
-    return tuple(cells[1:-1])
+    return tuple(cells[1:])
 
 
 def _require_even(p: FloatArray, path: Path, axis: str) -> None:

@@ -464,6 +464,8 @@ class SinumerikEnc(Repeating):
         sign="documented",
     )
 
+    needs_zero = True
+
     options = (
         Option("machine_axis", "name of the machine axis, such as X1", "text", required=True),
         pick(

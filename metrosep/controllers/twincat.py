@@ -67,8 +67,11 @@ _UNIFORM = 1e-8
 """Deviation of printed positions from equal spacing in mm or mrad: rounding of the last decimal."""
 
 _NAME = re.compile(r"[A-Za-z]\w{0,59}", re.ASCII)
+_USUAL = "CompTable"
+"""Name of the variable where nobody gives one; of a list that is read any name will do then."""
 _IDENTIFIER = Word(r"\w+")
 _TYPE = "ST_PositionCompensationTableElement"
+_STRUCTURE = "ST_PositionCompensationTableParameter"
 _WAYS = {0: "", 1: "WorkDirectionPositive", -1: "WorkDirectionNegative"}
 """Values of E_WorkDirection; without one it is WorkDirectionBoth."""
 _DIRECTION = Word(
@@ -87,7 +90,7 @@ _MODULO = Word(
 
 def _layout(read: Callable[[str], float]) -> dict[str, Line]:
     """Return the lines of a list, without their indents, for a unit of positions and corrections."""
-    number = Word(r"-?\d{1,9}\.\d{1,12}", read)
+    number = Word(r"-?\d{1,9}(?:\.\d{1,12})?", read)
     return {
         "begin": Line("VAR_GLOBAL"),
         "open": Line(f"{{name}} : ARRAY[1..{{size}}] OF {_TYPE} := [", name=_IDENTIFIER),
@@ -96,7 +99,7 @@ def _layout(read: Callable[[str], float]) -> dict[str, Line]:
         ),
         "close": Line("];"),
         "parameter": Line(
-            "{name}Parameter : ST_PositionCompensationTableParameter := (MinPosition := {low}, "
+            f"{{name}} : {_STRUCTURE} := (MinPosition := {{low}}, "
             "MaxPosition := {high}, NoOfTableElements := {size}{direction}{modulo});",
             name=_IDENTIFIER, low=number, high=number, direction=_DIRECTION, modulo=_MODULO,
         ),
@@ -112,6 +115,19 @@ _REVERSE = "Reverse"
 _BETWEEN = re.compile(r"(?<=:= \[)\s*(?=\()|(?<=\),)\s*(?=\()|(?<=\))\s*(?=\];)")
 """Where a person, or a tool, need not begin a new line."""
 _COMMENT = re.compile(r"\(\* [^*()]* \*\)")
+_REMARK = re.compile(r"//.*|^[ \t]*\{attribute[^{}\n]*\}", re.MULTILINE | re.IGNORECASE)
+_GLOBAL = re.compile(
+    r"^\s*VAR_GLOBAL(?: (?:CONSTANT|PERSISTENT|RETAIN))*[ \t]*$", re.MULTILINE | re.IGNORECASE
+)
+_ARRAY = re.compile(
+    rf"(\w+)\s*:\s*ARRAY\s*\[\s*(\d+)\s*\.\.\s*(\d+)\s*\]\s*OF\s+{_TYPE}\s*:=\s*\[", re.IGNORECASE
+)
+_ELEMENT = re.compile(
+    r"\(\s*Position\s*:=\s*([^\s,()]+)\s*,\s*Compensation\s*:=\s*([^\s,()]+)\s*\)", re.IGNORECASE
+)
+_FIELDS = re.compile(rf"(\w+)\s*:\s*{_STRUCTURE}\s*:=\s*\(([^()]*)\)\s*;", re.IGNORECASE)
+_FIELD = re.compile(r"\s*(\w+)\s*:=\s*(?:E_WorkDirection\s*\.\s*)?([\w.+-]+)\s*")
+_ORDER = ("MinPosition", "MaxPosition", "NoOfTableElements", "Direction", "Modulo")
 
 
 class TwinCAT(Repeating, Resampling):
@@ -158,7 +174,7 @@ class TwinCAT(Repeating, Resampling):
             "bidirectional",
             "write a table for each direction (Direction of the parameter structure)",
         ),
-        Option("name", "name of the variable", "text", default="CompTable"),
+        Option("name", "name of the variable", "text", default=_USUAL),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
@@ -213,29 +229,31 @@ class TwinCAT(Repeating, Resampling):
         self, data: bytes, path: Path, options: dict[str, Any]
     ) -> tuple[CompensationTable, bool]:
         """Return the table of one or of both directions, and whether it repeats."""
-        lines = enumerate(ascii_lines(data, path, "ST table of TwinCAT"), start=1)
+        text = _as_we_write("\n".join(ascii_lines(data, path, "ST table of TwinCAT")))
+        lines = enumerate(text.split("\n"), start=1)
         rows = [
             (i, row.strip()) for i, line in lines for row in _BETWEEN.sub("\n", line).split("\n")
         ]
         notes = [row[1] for row in rows if _COMMENT.fullmatch(row[1])]
         rows = [row for row in rows if row[1] and not _COMMENT.fullmatch(row[1])]
-        text = Text(path, rows, "ST table of TwinCAT")
+        rest = Text(path, rows, "ST table of TwinCAT")
         turns = _turns(notes, [row[1] for row in rows])
         letter = letter_in_file(path, turns, options)
         layout = _LAYOUTS[is_rotary(letter)]
-        text.take(layout["begin"])
-        one = _take(text, layout, path, options.get("name"))
+        rest.take(layout["begin"])
+        told = options.get("name")
+        one = _take(rest, layout, path, None if told == _USUAL else told)
         ways = {one.way: one}
         if one.way:
-            two = _take(text, layout, path, one.name + _REVERSE)
+            two = _take(rest, layout, path, None)
             ways[two.way] = two
             if {*ways} != {1, -1} or two.modulo != one.modulo or (two.p != one.p).any():
                 raise damaged(
                     path,
                     "two tables of one axis must be those of both directions, at the same positions",
                 )
-        text.take(layout["end"])
-        text.end()
+        rest.take(layout["end"])
+        rest.end()
         if one.modulo:
             _require_turn(ways.values(), letter, path)
         fields = own_axis(identity(path), path)
@@ -272,7 +290,7 @@ def _declared(
     n = len(p)
     rows = enumerate(zip(p, c, strict=True), start=1)
     parameter = layout["parameter"].write(
-        name=name, size=n, low=p[0], high=p[-1], direction=way, modulo=modulo
+        name=f"{name}Parameter", size=n, low=p[0], high=p[-1], direction=way, modulo=modulo
     )
     return [
         "  " + layout["open"].write(name=name, size=n),
@@ -285,6 +303,27 @@ def _declared(
     ]
 
 
+def _as_we_write(text: str) -> str:
+    """Return ST as a person typed it in the words and blanks of ours; what is no such list stays."""
+
+    def structure(found: re.Match[str]) -> str:
+        fields = [_FIELD.fullmatch(part) for part in found[2].split(",")]
+        names = {name.lower(): name for name in _ORDER}
+        known = {names.get(f[1].lower()): f[2] for f in fields if f}
+        if None in known or len(known) < len(fields):
+            return found[0]
+        inside = ", ".join(f"{name} := {known[name]}" for name in _ORDER if name in known)
+        return f"{found[1]} : {_STRUCTURE} := ({inside});" + "\n" * found[0].count("\n")
+
+    def array(found: re.Match[str]) -> str:
+        size = int(found[3]) - int(found[2]) + 1
+        return f"{found[1]} : ARRAY[1..{size}] OF {_TYPE} := [" + "\n" * found[0].count("\n")
+
+    text = _GLOBAL.sub("VAR_GLOBAL", _REMARK.sub("", text))
+    text = _ELEMENT.sub(r"(Position := \1, Compensation := \2)", _FIELDS.sub(structure, text))
+    return re.sub(r"\)[ \t]*,", "),", _ARRAY.sub(array, text))
+
+
 def _take(text: Text, layout: dict[str, Line], path: Path, wanted: str | None) -> _Declared:
     """Return the next table of a list."""
     opened = text.take(layout["open"])
@@ -292,12 +331,12 @@ def _take(text: Text, layout: dict[str, Line], path: Path, wanted: str | None) -
     found = text.many(layout["row"])
     text.take(layout["close"])
     closed = text.take(layout["parameter"])
-    if opened["name"] != wanted or closed["name"] != wanted:
+    if opened["name"] != wanted:
         raise CorruptFileError(
             path,
             "another variable",
             expected=wanted,
-            found=f"{opened['name']}, {closed['name']}Parameter",
+            found=opened["name"],
             hint="give name= of the variable, or write the table again",
         )
     table = np.array([(row["p"], row["c"]) for row in found]).reshape(-1, 2)

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
+from metrosep.core.units import with_px
+
 __all__ = ["Source", "Step", "freeze_mapping", "hash_bytes", "history_as_dicts"]
 
 
@@ -53,7 +55,7 @@ class Step:
     name : str
         Name of the operator, such as ``"read"`` or ``"separate"``.
     parameters : mapping, optional
-        Its parameters in SI, plain Python values.
+        Its parameters in SI, plain Python values; pixels of a map as texts, "120 px".
     version : str, optional
         Version of metrosep that carried it out.
     """
@@ -63,7 +65,7 @@ class Step:
     version: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parameters", freeze_mapping(self.parameters))
+        object.__setattr__(self, "parameters", freeze_mapping(with_px(self.parameters)))
         if not self.version:
             from metrosep._version import __version__
 

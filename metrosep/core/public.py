@@ -7,7 +7,6 @@ files, data frames) stands in `attached`, which the top of the package fills.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import os
 from collections.abc import Iterator, Mapping
 from html import escape
@@ -34,11 +33,13 @@ _LONGEST = 100
 def _refuse_change(obj: Any, name: str, value: Any = None) -> None:
     """Refuse to set or delete an attribute."""
     del value
+    from metrosep.core.readable import nearest
+
     kind = type(obj).__name__
     named = {f.name for f in dataclasses.fields(obj)}
-    near = difflib.get_close_matches(name, named, n=1)
+    near = nearest(name, named)
     about = f"{name} is a field of it" if name in named else f"it has no {name!r}"
-    hint = f"; did you mean {near[0]}?" if near and name not in named else ""
+    hint = f"; did you mean {near}?" if near and name not in named else ""
     raise dataclasses.FrozenInstanceError(
         f"a {kind} does not change, and {about}{hint}: make a new {kind}, or keep your value beside it"
     )

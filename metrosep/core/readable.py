@@ -14,6 +14,7 @@ from metrosep.core.units import format_length, parse_unit
 __all__ = [
     "did_you_mean",
     "digits_of",
+    "near_words",
     "nearest",
     "readable_text",
     "readable_unit",
@@ -193,14 +194,19 @@ def did_you_mean(word: object, known: Iterable[object]) -> str:
     return f' Did you mean "{near}"?' if near else ""
 
 
-def nearest(word: object, known: Iterable[object]) -> str:
+def nearest(word: object, known: Iterable[object], alike: float = 0.6) -> str:
     """Return the known word that is like another one, whatever the capitals; empty where none is near."""
+    return next(iter(near_words(word, known, 1, alike)), "")
+
+
+def near_words(word: object, known: Iterable[object], most: int, alike: float) -> list[str]:
+    """Return the known words that are at least so much like another one, 0 to 1, the nearest first."""
     import difflib
 
-    text = str(word)
-    names = {str(k).lower(): str(k) for k in known}
-    near = difflib.get_close_matches(text.lower(), names, n=1) if len(text) <= _LONGEST else []
-    return names[near[0]] if near else ""
+    names = {str(k).casefold(): str(k) for k in reversed(list(known))}
+    text = str(word).casefold()
+    near = difflib.get_close_matches(text, names, most, alike) if len(text) <= _LONGEST else []
+    return [names[n] for n in near]
 
 
 _LONGEST = 200

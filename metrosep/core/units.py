@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 import re
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 from metrosep.core.errors import UnitError
 
@@ -476,6 +477,15 @@ class Pixels(float):
     __str__ = __repr__
 
 
+def with_px(value: Any) -> Any:
+    """Return a value in which px are texts, "120 px", as JSON and a history hold them: there a number is in SI."""
+    if isinstance(value, Mapping):
+        return {k: with_px(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(map(with_px, value)) if type(value) in (list, tuple) else value
+    return str(value) if isinstance(value, Pixels) else value
+
+
 def parse_lateral(value: str | float, *, name: str = "value") -> float:
     """Return a place or size on a map: a length in SI, or `Pixels` of a text such as ``"120 px"``."""
     match = _PIXELS.fullmatch(value) if isinstance(value, str) else None
@@ -608,12 +618,12 @@ def format_ends(low: float, high: float, *, digits: int = 4, between: str = " ..
 
 
 def format_engineering(value: float, unit: str, *, digits: int = 4) -> str:
-    """Return a value with its unit name; lengths and angles get a readable prefix.
+    """Return a value with its unit name; lengths, angles and times get a readable prefix.
 
     Examples
     --------
-    >>> format_engineering(0.5, "V"), format_engineering(-1.6e-4, "rad")
-    ('0.5 V', '-160 urad')
+    >>> format_engineering(0.5, "V"), format_engineering(-1.6e-4, "rad"), format_engineering(4e-4, "s")
+    ('0.5 V', '-160 urad', '400 us')
     """
     if math.isnan(value):
         return "not known"
@@ -621,6 +631,10 @@ def format_engineering(value: float, unit: str, *, digits: int = 4) -> str:
         return format_length(value, digits=digits)
     if unit == "rad" and 0.0 < abs(value) < 1e-3:
         factor, unit = (1e-6, "urad") if abs(value) >= 1e-6 else (1e-9, "nrad")
+        value /= factor
+    if unit == "s" and 0.0 < abs(value) < 1.0:
+        limits = ((1e-6, "ns", 1e-9), (1e-3, "us", 1e-6), (1.0, "ms", 1e-3))
+        unit, factor = next((n, f) for limit, n, f in limits if abs(value) < limit)
         value /= factor
     return f"{_plain_digits(value, digits)} {'' if unit == '1' else unit}".rstrip()
 

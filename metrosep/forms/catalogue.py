@@ -19,6 +19,12 @@ __all__ = ["form_from_text", "form_names", "parameter_value"]
 
 _SI = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*SI\s*$")
 _DIMENSIONS = {"m": "length", "rad": "angle"}
+_PER = re.compile(
+    r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\d.eE])\s*"
+    r"(?:1?\s*/\s*([a-zA-Zµμ]+)\s*(?:\^|\*\*)?\s*(\d*)"
+    r"|([a-zA-Zµμ]+)\s*(?:\^|\*\*)?\s*[-\u2212](\d+))\s*"
+)
+"""A number per a power of a length: "2e-7 /mm^3", "2e-7 mm^-3"."""
 
 
 def form_names() -> tuple[str, ...]:
@@ -33,7 +39,8 @@ def form_from_text(text: str) -> Form:
     ----------
     text : str
         Name, and after a colon ``key=value`` pairs separated by commas. Lengths and angles carry
-        units; a value in another unit is given as ``1.5e3 SI``.
+        units, coefficients of an asphere too (``a4=2e-7 /mm^3``); a value in another unit is
+        given as ``1.5e3 SI``.
 
     Returns
     -------
@@ -82,6 +89,26 @@ def parameter_value(text: str, unit: str, name: str) -> float:
     )
 
 
+def _per_length(text: str, power: int, name: str) -> float:
+    """Return a coefficient in m^-power, of "200 SI" or "2e-7 /mm^3"."""
+    match = _PER.fullmatch(text)
+    if match is None:
+        if _SI.match(text):
+            return parameter_value(text, "", name)
+        wanted = "/mm" if power == 1 else f"/mm^{power}"
+        raise UnitError(
+            f"{name} is {text!r}: give its unit, such as {text.split(maxsplit=1)[0]} {wanted}, or SI behind "
+            f"a number in {'1/m' if power == 1 else f'm^-{power}'}"
+        )
+    number, above, below = match[1], match[2] or match[4], int(match[3] or match[5] or 1)
+    if below != power:
+        raise UnitError(
+            f"{name} is {text!r}: the coefficient of r^{power + 1} is a length to the power {-power}, "
+            f"not {-below}"
+        )
+    return float(number) / parse_quantity(f"1 {above}", dimension="length", name=name) ** power
+
+
 def _pairs(rest: str, text: str) -> dict[str, str]:
     pairs: dict[str, str] = {}
     for part in filter(None, (p.strip() for p in rest.split(","))):
@@ -123,14 +150,27 @@ def _asphere(pairs: dict[str, str]) -> Form:
     from metrosep.forms.conic import Asphere
 
     norm = pairs.pop("norm_radius", None)
-    terms = {k: pairs.pop(k) for k in list(pairs) if re.fullmatch(r"a\d+", k)}
+    given = [k for k in pairs if re.fullmatch(r"[aA]\d+", k)]
+    terms = {int(k[1:]): pairs.pop(k) for k in given}
     words = pairs.pop("terms", "").split()
     if not all(re.fullmatch(r"a?\d+", w) for w in words):
         raise DataError(f"asphere: terms are powers such as 4 6 8, got {' '.join(words)!r}")
     free = [int(w.lstrip("a")) for w in words]
-    unit = "SI" if norm is None else "m"
+    if len({*terms, *free}) < len(given) + len(free):
+        twice = ", ".join([*sorted(given), *(["terms"] if free else [])])
+        raise DataError(f"asphere: one power is given twice in {twice}: keep one")
     values: dict[int, float | None] = dict.fromkeys(free)
-    values |= {int(k[1:]): parameter_value(v, unit, k) for k, v in terms.items()}
+    for power, v in terms.items():
+        k = f"a{power}"
+        values[power] = (
+            _per_length(v, power - 1, k) if norm is None else parameter_value(v, "m", k)
+        )
+    unknown = sorted(set(pairs) - {"R", "k"})
+    if unknown:
+        raise DataError(
+            f"asphere has no {', '.join(unknown)}; it has: R, k, norm_radius, terms, and coefficients "
+            "such as a4=2e-7 /mm^3"
+        )
     head = _take(pairs, {"R": "m", "k": "1"}, "asphere")
     return Asphere(
         R=head.get("R"),

@@ -10,23 +10,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from metrosep.core._arrays import CheckedArray, FloatArray
 from metrosep.core.blas import one_blas_thread
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, Example
 from metrosep.core.numbers import LEAST, choice, without_rounding
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.core.units import format_length
+from metrosep.core.units import PIXEL, format_length
 from metrosep.forms._correlated import NoiseModel
 from metrosep.forms.base import RIGID, Direction, Form, Freedoms, Placement, Tilt, choose_freedoms
 from metrosep.forms.conic import curvature_name, curvature_of, is_flat
 from metrosep.forms.iterate import find
 from metrosep.forms.linear import Answer, Robust, spread
-from metrosep.forms.points import Points, PointSet, points_of
+from metrosep.forms.points import Points, PointSet, points_of, require_scale
 from metrosep.forms.polynomial import Polynomial
 from metrosep.forms.result import FitResult
 
@@ -113,14 +114,7 @@ def fit(
     >>> round(found.params["R"], 9), round(found.params["tilt_x"], 9)
     (0.05, 0.0002)
     """
-    if isinstance(form, str):
-        from metrosep.forms.catalogue import form_from_text
-
-        form = form_from_text(form)
-    if not isinstance(form, Form):
-        raise DataError(
-            f"form must be a metrosep form such as Sphere(), got {type(form).__name__}"
-        )
+    form = _form(form)
     choice(tilt, "tilt", ("plane", "rotation"))
     choice(direction, "direction", ("vertical", "normal"))
     if robust is not None:
@@ -144,6 +138,26 @@ def fit(
         )
         result = _result(obj, points, freedoms, placed, answer, robust, n_iterations=n_iterations)
         return result if noise is None else _with_noise(result, noise)
+
+
+def _without_scale(what: str, instead: str) -> DataError:
+    """Return the error of an option that no map without scale can have."""
+    return DataError(
+        f"{what}, and the file does not say how large a pixel of the map is: {instead}, or read the "
+        "file with lateral_step=..."
+    ).hinting(lateral_step=Example("3 um"))
+
+
+def _form(given: Form | str) -> Form:
+    if isinstance(given, str):
+        from metrosep.forms.catalogue import form_from_text
+
+        given = form_from_text(given)
+    if not isinstance(given, Form):
+        raise DataError(
+            f"form must be a metrosep form such as Sphere(), got {type(given).__name__}"
+        )
+    return given
 
 
 def _with_noise(result: FitResult, noise: NoiseModel) -> FitResult:
@@ -176,8 +190,59 @@ def remove(
     -------
     Surface, Profile or PointSet
         Measured minus ideal, with the fit in its history.
+
+    Notes
+    -----
+    A plane or a polynomial is taken off a map without lateral steps, too: what it leaves does not
+    depend on them.
     """
+    if isinstance(obj, Surface) and None in (obj.dx, obj.dy):
+        return over_pixels(obj, form, **options).residual
     return fit(obj, form, **options).residual  # type: ignore[arg-type]
+
+
+def over_pixels(surface: Surface, form: Form | str, **options: Any) -> FitResult:
+    """Return the fit to a map without scale of a form that leaves the same at every scale; refuse others.
+
+    Of the answer the residual holds, and what it was fitted to; parameters count pixels as m.
+    """
+    form = _form(form)
+    polynomial = isinstance(form, Polynomial) and not any(
+        v is not None for v in form.parameters.values()
+    )
+    if isinstance(form, Polynomial) and form.basis_name == "power":
+        polynomial = polynomial and not any(form.centre or ())
+    elif isinstance(form, Polynomial):
+        polynomial = polynomial and form.half_width is None
+    if not (form.name == "plane" or polynomial):
+        require_scale(surface)
+    if polynomial and options.get("tilt", "plane") != "plane":
+        raise _without_scale('tilt "rotation" turns the form in space', 'take tilt "plane"')
+    if options.get("direction") == "normal":
+        raise _without_scale(
+            'direction "normal" counts heights and places alike', 'take "vertical"'
+        )
+    if options.get("centre") is not None:
+        raise _without_scale("centre is a length", "leave it out")
+    for name, value in (options.get("fixed") or {}).items():
+        if value != 0.0 and name not in ("piston", "c_0_0", "L_0_0", "T_0_0"):
+            what = "an angle" if name.startswith("tilt") else "a value"
+            raise _without_scale(
+                f"{name} is fixed at {what} other than zero", "hold it at zero or leave it free"
+            )
+    result = fit(Surface(surface.z, 1.0, 1.0), form, **options)
+    found = result.residual.history[-1]
+    kept = ("removed", "tilt", "direction", "robust")
+    facts = {k: v for k, v in found.parameters.items() if k in kept}  # values are per pixel
+    left = Surface(
+        result.residual.z,
+        surface.dx,
+        surface.dy,
+        origin=surface.origin,
+        metadata=surface.metadata,
+        history=(*surface.history, Step(found.name, {**facts, "over": PIXEL})),
+    )
+    return replace(result, residual=left)
 
 
 def _result(

@@ -16,7 +16,7 @@ from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.regions import assumed_axis
 from metrosep.core.surface import Surface
 
-__all__ = ["SAMPLE", "PointSet", "Points", "points_of"]
+__all__ = ["SAMPLE", "PointSet", "Points", "points_of", "require_scale"]
 
 
 _BLOCK = 1 << 14
@@ -206,6 +206,16 @@ class Points:
         return float(max(np.ptp(self.x), np.ptp(self.y)) / 2.0)
 
 
+def require_scale(surface: Surface) -> tuple[float, float]:
+    """Return both lateral steps of a map that a form is fitted to, m; refuse a map without."""
+    if surface.dx is None or surface.dy is None:
+        raise DataError(
+            "the surface has no lateral calibration, and a form needs one: read the file with "
+            "lateral_step=...; only a plane or a polynomial can be taken off without one"
+        ).hinting(lateral_step=Example("3 um"))
+    return surface.dx, surface.dy
+
+
 def points_of(
     obj: Surface | Profile | PointSet, *, centre: tuple[float, float] | None, middle: bool
 ) -> Points:
@@ -216,14 +226,10 @@ def points_of(
         x0 = 0.0 if centre is None else float(centre[0])
         points = Points(obj.x - x0, np.zeros(1), obj.z[None, :], (x0, 0.0))
     elif isinstance(obj, Surface):
-        if obj.dx is None or obj.dy is None:
-            raise DataError(
-                "the surface has no lateral calibration, and a form needs one: "
-                "read the file with lateral_step=..."
-            ).hinting(lateral_step=Example("3 um"))
+        dx, dy = require_scale(obj)
         rows, columns = obj.shape
-        x: FloatArray = obj.origin[0] + obj.dx * np.arange(columns, dtype=np.float64)
-        y: FloatArray = obj.origin[1] + obj.dy * np.arange(rows, dtype=np.float64)
+        x: FloatArray = obj.origin[0] + dx * np.arange(columns, dtype=np.float64)
+        y: FloatArray = obj.origin[1] + dy * np.arange(rows, dtype=np.float64)
         if centre is None and middle:
             (x0, y0), notes = assumed_axis(obj)
         else:

@@ -29,7 +29,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.core.text_options import ROW_ORDERS
-from metrosep.io.source import MAX_PIXELS, RawFile, evidence, lateral_steps, refuse_options
+from metrosep.io.source import MAX_PIXELS, RawFile, declared_steps, evidence, refuse_options
 
 __all__ = [
     "EVIDENCE",
@@ -400,7 +400,7 @@ def map_reader(
             if not several:
                 only_channels(file, title, channel)
             most = own.pop("max_pixels", None) if pixels else None
-            override = lateral_steps(lateral_step)
+            override = declared_steps(lateral_step)
             order = checked_row_order(file, own.pop("row_order", None)) if assumed else None
             request = Request(file, format_id, title, channel, override, unit, most, order)
             return build(request, **own)

@@ -38,7 +38,7 @@ from metrosep.io.objects import (
 )
 from metrosep.io.registry import Format
 from metrosep.io.several_runs import BLOCKS, SeveralRunsError
-from metrosep.io.source import RawFile, lateral_steps, open_file, refuse_options
+from metrosep.io.source import RawFile, declared_steps, open_file, refuse_options
 
 __all__ = [
     "RowsShownError",
@@ -337,7 +337,7 @@ def read_via(
     from SurfaceTopography.IO import readers
 
     refuse_options(file, f"read by {PACKAGE}, which knows the unit", unit=unit)
-    override = lateral_steps(lateral_step)
+    override = declared_steps(lateral_step)
     name = SUFFIXES[PurePath(file.name).suffix.lower()]
     reader_class = next(r for r in readers if r.format() == name)
     try:

@@ -12,7 +12,6 @@ may be a key instead (``at = { Y = "0 mm" }``).
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 import tomllib
@@ -24,6 +23,7 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, MetrosepError, OptionError
 from metrosep.core.numbers import choice, is_real, quantity
+from metrosep.core.readable import nearest
 from metrosep.io._roles import pick, to_si
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.encoding import decode
@@ -145,7 +145,10 @@ def read_reading_set(
     except FormatMismatchError:
         raise
     except MetrosepError as error:
-        raise type(error)(f"{file.path}: {error}") from None
+        said = str(error)
+        raise type(error)(
+            said if said.startswith((f"{file.path}:", f"{file.name}:")) else f"{file.path}: {said}"
+        ) from None
 
 
 def _kind(named: Any) -> str:
@@ -153,7 +156,7 @@ def _kind(named: Any) -> str:
     if named not in _KINDS and isinstance(named, str):
         usual = " ".join(named.lower().replace("_", " ").replace("-", " ").split())
         said = {k.replace("-", " "): v for k, v in _USUAL.items()}.get(usual)
-        near = said or next(iter(difflib.get_close_matches(usual, _KINDS, n=1)), None)
+        near = said or nearest(usual, _KINDS)
         if near:
             raise OptionError(
                 f"instrument is one of {', '.join(_KINDS)}, got {named!r}; did you mean {near}?"

@@ -43,12 +43,12 @@ __all__ = [
     "LOCAL_HEADER",
     "MAX_PIXELS",
     "RawFile",
+    "declared_steps",
     "entries_of",
     "evidence",
     "flat_map",
     "format_folder",
     "has_hdf5_magic",
-    "lateral_steps",
     "open_file",
     "rate_of",
     "refuse_options",
@@ -402,7 +402,7 @@ def _explained(path: str | os.PathLike[str]) -> Iterator[None]:
         raise ReadError(f"{str(path)!r}: cannot be read ({reason}); check the path") from None
 
 
-def lateral_steps(
+def declared_steps(
     override: float | str | tuple[float | str, float | str] | None,
 ) -> tuple[float, float] | None:
     """Return the lateral steps that a caller declares, in m: one for both directions, or (dx, dy)."""

@@ -182,22 +182,34 @@ class CurveTerm:
         Their covariance.
     basis : Basis
         The shapes.
-    beyond : tuple of (Basis, ndarray), optional
-        The shapes with the orders that were not fitted, and the mean square of what the fit misses.
+    beyond : tuple of (Basis, ndarray, ndarray), optional
+        The shapes with the orders that were not fitted behind the others, the coefficients of these, and the
+        covariance of all.
     """
 
     coefficients: FloatArray
     cov: FloatArray
     basis: Basis
-    beyond: tuple[Basis, FloatArray] | None = None
+    beyond: tuple[Basis, FloatArray, FloatArray] | None = None
+
+    @property
+    def whole(self) -> tuple[Basis, FloatArray]:
+        """All shapes, and their covariance."""
+        return (self.basis, self.cov) if self.beyond is None else (self.beyond[0], self.beyond[2])
 
     def evaluate(self, x: ArrayLike) -> FloatArray:
-        """Return the error at positions, in the shape of x."""
-        return np.asarray(self.basis.at(positions_array(x, "position")) @ self.coefficients)
+        """Return the error at positions, in the shape of x; past its ends the orders that were fitted go on."""
+        at = positions_array(x, "position")
+        found = np.asarray(self.basis.at(at) @ self.coefficients)
+        if self.beyond is not None and self.beyond[1].size:
+            whole, more, _ = self.beyond
+            inside = at if whole.kind == "fourier" else np.clip(at, whole.low, whole.high)
+            found = found + whole.at(inside)[..., self.coefficients.size :] @ more
+        return found
 
     def sd(self, x: ArrayLike) -> FloatArray:
         """Return its standard uncertainty at positions, in the shape of x."""
-        basis, cov = self.beyond or (self.basis, self.cov)
+        basis, cov = self.whole
         shapes = basis.at(positions_array(x, "position"))
         square = np.sum((shapes @ cov) * shapes, axis=-1)
         return np.asarray(np.sqrt(np.maximum(square, 0.0)))
@@ -240,27 +252,26 @@ class CurveTerm:
         The slope of a straightness and a squareness are one number, that of a stated line; for a
         curve with a bow the lines differ.
         """
-        row = self._line(method, span, at)[0]
-        whole, cov = row, self.cov
-        if self.beyond is not None:
-            whole, cov = self._line(method, span, at, self.beyond[0])[0], self.beyond[1]
-        return float(row @ self.coefficients), math.sqrt(max(float(whole @ cov @ whole), 0.0))
+        basis, cov = self.whole
+        row = self._line(method, span, at, basis)[0]
+        more = np.zeros(0) if self.beyond is None else self.beyond[1]
+        value = float(row @ np.append(self.coefficients, more))
+        return value, math.sqrt(max(float(row @ cov @ row), 0.0))
 
     def bow(self, method: str = "least-squares", span: tuple[float, float] | None = None) -> float:
         """Return the P-V of the curve about the line of `slope`, m or rad."""
-        row, (low, high) = self._line(method, span, None)
+        low, high = self._line(method, span, None, self.basis)[1]
         x = np.linspace(low, high, _PLACES)
-        return float(np.ptp(self.evaluate(x) - float(row @ self.coefficients) * x))
+        return float(np.ptp(self.evaluate(x) - self.slope(method, span)[0] * x))
 
     def _line(
         self,
         method: str,
         span: tuple[float, float] | None,
         at: float | None,
-        whole: Basis | None = None,
+        basis: Basis,
     ) -> tuple[FloatArray, tuple[float, float]]:
         """Return the slope as a sum over the coefficients, and the range of the line."""
-        basis = whole or self.basis
         numbers.choice(method, "the line", ("least-squares", "end-points", "area", "tangent"))
         if basis.kind != "legendre":
             raise DataError("an axis of rotation has no slope over its position")

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,12 @@ _FEWEST = 30
 _WORTH = 3.0
 """By how much twice the log likelihood must rise before drift is taken for real (two parameters)."""
 _ROUNDS = 3
+_NODES = ((-math.sqrt(3.0), 1.0 / 6.0), (0.0, 2.0 / 3.0), (math.sqrt(3.0), 1.0 / 6.0))
+"""Of Gauss-Hermite quadrature for a normal distribution."""
+_ASIDE, _WIDEST = 0.3, 2.0
+"""Of log a and log tau: steps of a second difference, and the standard deviation above which nothing is known."""
+_FAR = 3.0
+"""Standard deviations within which the nodes stand for all drifts."""
 _NOTHING = 1e-18  # m or rad: noise of readings that are all zero
 _ROUNDING = 1e-14
 LARGEST_DRIFT = 60.0
@@ -145,6 +152,40 @@ class Gls:
         for w, (_, b, own, _) in zip(weight, at, strict=True):
             cov += w * (own + np.outer(b - beta, b - beta))
         return cov
+
+    def likely(
+        self, a: float, tau: float, others: Sequence[tuple[float, float]]
+    ) -> list[tuple[float, float, float]]:
+        """Return drifts about the best one, those of others that are far from it, and how much each stands for.
+
+        A record holds few lengths of its drift, so (a, tau) are hardly known. All are alike likely before on
+        logarithmic scales: the others share the whole area; about the best one the nodes are those of
+        Gauss-Hermite quadrature along the axes of its likelihood (Naylor and Smith, Appl. Stat. 31 (1982) 214).
+        """
+        at, e = np.log([a, tau]), _ASIDE * np.eye(2)
+
+        def value(off: FloatArray) -> float:
+            return 0.5 * self._at(*np.exp(at + off).tolist())[0]
+
+        here = value(np.zeros(2))
+        H = np.array(
+            [
+                [value(u + v) - value(u) - value(v) + here if i != j else value(u) - 2.0 * here + value(-u)
+                 for j, v in enumerate(e)]
+                for i, u in enumerate(e)
+            ]
+        ) / _ASIDE**2  # fmt: skip
+        values, vectors = np.linalg.eigh(0.5 * (H + H.T))
+        T = vectors / np.sqrt(np.maximum(values, _WIDEST**-2))
+        area = math.prod(math.log(high / low) for low, high in _LIMITS)
+        found = []
+        for (z1, w1), (z2, w2) in product(_NODES, repeat=2):
+            z = np.array([z1, z2])
+            volume = w1 * w2 * 2.0 * math.pi * math.exp(0.5 * float(z @ z))
+            volume *= abs(float(np.linalg.det(T)))
+            found.append((*np.exp(at + T @ z).tolist(), volume / area))
+        far = [v for v in others if np.linalg.norm(np.linalg.solve(T, np.log(v) - at)) > _FAR]
+        return found + [(*other, 1.0 / len(others)) for other in far]
 
     def _fit(
         self, at: tuple[float, FloatArray, FloatArray, FloatArray], a: float, tau: float

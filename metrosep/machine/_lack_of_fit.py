@@ -7,13 +7,13 @@ from drift. Over all drifts by their likelihood (as `Gls.spread`), the whole and
 and wave are F-tested, a fifth of the chance each, with the number of independent shapes of a family after
 Li and Ji, Heredity 95 (2005) 221. A set that passes its places once is judged under the noise of the fit.
 
-Second, the curve that a calibration leaves out, and what it adds to u.
+Second, the curve beyond the orders that a calibration fits, and its part of u.
 
 Beyond the orders that were fitted each motion g may go on: its further orders are random, their variance
 falls with the order n as ``lambda n^-2s`` (s = 0 has no shape, 1 is a curve with jumps, 2 one with corners).
 How large it is (lambda), s, and the drift beside it are not known: all are taken by their restricted
-likelihood. With b the coefficients and D what a curve shifts
-them by (``b = b0 - D g``), the mean square of what the fit misses is that of ``(-D g, g)``.
+likelihood. With b the coefficients and D what a curve shifts them by (``b = b0 - D g``), the estimate is the
+mean of ``(b0 - D g, g)`` over all of them, and u^2 their variance about it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.units import format_engineering
 from metrosep.machine._bases import Basis, first_harmonic, further_orders
-from metrosep.machine._drift_noise import Fit, inverse_times
+from metrosep.machine._drift_noise import Fit, Gls, inverse_times
 from metrosep.machine._reading_problem import Problem, System, axis_of_term, places_of
 from metrosep.machine.instruments import Instrument
 
@@ -340,7 +340,7 @@ def lack_of_fit(
     return said, {k for k, *_ in tests}
 
 
-# ---- the curve that is left out, in u -----------------------------------------------------------
+# ---- the curve beyond the orders ----------------------------------------------------------------
 
 _BESIDE = [(a, tau) for a in (0.5, 2.0, 8.0, 32.0) for tau in (3.0, 20.0, 150.0, 1000.0)]
 _FALLS = (0, 1, 2)
@@ -358,24 +358,27 @@ _LEAST_WEIGHT = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LeftOut:
-    """Shapes with the orders that were not fitted, and the mean square of what the fit misses."""
+class Beyond:
+    """Shapes with the orders that were not fitted, what the readings say of them, and how well."""
 
     bases: Mapping[str, Basis]
     at: Mapping[str, NDArray[np.intp]]
-    """By term its coefficients, then its further ones, in `moment`."""
-    moment: FloatArray
-    """Over all coefficients and unknowns of the problem (unscaled), then the further orders."""
+    """By term its coefficients, then its further ones, in `mean` and `cov`."""
+    mean: FloatArray
+    """By what the fit is off, over all coefficients and unknowns of the problem (unscaled), and the further orders."""
+    cov: FloatArray
+    columns: FloatArray
+    """Of the further orders, (n, k) over the readings of the fit."""
 
 
-def left_out(
+def beyond_orders(
     problem: Problem,
     current: Sequence[Instrument],
     good: Sequence[NDArray[np.bool_]],
     system: System,
     fit: Fit,
-) -> LeftOut:
-    """Return what the orders that were not fitted add to u."""
+) -> Beyond:
+    """Return what the orders that were not fitted add to the fit and to u."""
     further = _further(problem)
     P, at, bases, begin = len(problem.names), {}, dict(problem.bases), 0
     for name, basis in problem.bases.items():
@@ -394,7 +397,7 @@ def left_out(
         )
     to_all = system.V / system.sizes[:, None]
     cases = _cases(problem, used, used.X @ to_all, fit, H)
-    moment = np.zeros((P + H.shape[1],) * 2)
+    mean, cov = np.zeros(P + H.shape[1]), np.zeros((P + H.shape[1],) * 2)
     begin, of_all, places = 0, [], {}
     for name, basis in further.items():
         places[name] = np.arange(begin, begin + len(basis.labels))
@@ -405,12 +408,17 @@ def left_out(
         mine = np.concatenate([places[n] for n in names])
         shapes = _shapes(cases, mine, [further[n] for n in names])
         of_all += shapes
-        whole, part = np.append(np.arange(P), P + mine), _moment_of(cases, mine, shapes)
+        whole = np.append(np.arange(P), P + mine)
+        one, part = _over_shapes(cases, mine, shapes)
         T = np.zeros((whole.size, part.shape[0]))
         T[:P, : -mine.size], T[P:, -mine.size :] = to_all, np.eye(mine.size)
-        moment[np.ix_(whole, whole)] += T @ part @ T.T
-    moment[:P, :P] += to_all @ _over_drifts(cases, of_all) @ to_all.T
-    return LeftOut(bases, at, moment)
+        mean[whole] += T @ one
+        cov[np.ix_(whole, whole)] += T @ part @ T.T
+    one, part = _over_drifts(cases, of_all)
+    mean[:P] += to_all @ one
+    cov[:P, :P] += to_all @ part @ to_all.T
+    pairs = zip(used.rows, system.rows, strict=True)
+    return Beyond(bases, at, mean, cov, H[np.concatenate([np.isin(a, b) for a, b in pairs])])
 
 
 def _with_refused_places(
@@ -516,12 +524,15 @@ def _cases(
         scales.append(variance)
         least += stream.rows.size * digit / variance
     stated = any(s.u is not None for s in problem.sets)
-    drifts = [(0.0, 10.0), *(_BESIDE if fit.judged else [])]
+    drifts = [(0.0, 10.0, 1.0)]
     longest = max(stream.rows.size for stream in system.streams)
     if not fit.white:
-        drifts.append((fit.a, fit.tau))
+        gls = Gls(Z, y, system.streams, problem.stated)
+        drifts += gls.likely(fit.a, fit.tau, _BESIDE)
+    elif fit.judged:
+        drifts += [(*d, 1.0 / len(_BESIDE)) for d in _BESIDE]
     found = []
-    for a, tau in drifts:
+    for a, tau, share in drifts:
         N, logdet = np.zeros((data.shape[1],) * 2), 0.0
         for stream, variance in zip(system.streams, scales, strict=True):
             part = data[stream.rows]
@@ -532,9 +543,10 @@ def _cases(
         solved = cho_solve(factor, N[:r, r:])
         left = N[r:, r:] - N[r:, :r] @ solved
         logdet += 2.0 * float(np.log(np.diag(factor[0])).sum())
-        prior = 0.5 if a == 0.0 else 0.5 / (len(drifts) - 1)
         free = y.size - r
-        base = logdet - 2.0 * math.log(prior)
+        base = logdet - 2.0 * math.log(
+            0.5 * share
+        )  # white noise and drift are alike likely before
         square = max(float(left[-1, -1]), least, 1e-14 * float(N[-1, -1]), 1e-300)
         found.append(
             _Case(
@@ -548,7 +560,7 @@ def _cases(
                 solved[:, -1] - fit.beta,
                 least,
                 stated,
-                a == 0.0 or tau <= longest or (a, tau) == (fit.a, fit.tau),
+                (a, tau) not in _BESIDE or tau <= longest,
                 cho_solve(factor, np.eye(r)),
             )
         )
@@ -604,37 +616,43 @@ def _weights(cases: Sequence[_Case], shapes: Sequence[_Shape]) -> tuple[FloatArr
     return weights[: len(cases)], weights[len(cases) :]
 
 
-def _over_drifts(cases: Sequence[_Case], shapes: Sequence[_Shape]) -> FloatArray:
-    """Return the mean square by which coefficients miss by noise, over all drifts by their likelihood."""
+def _over_drifts(
+    cases: Sequence[_Case], shapes: Sequence[_Shape]
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and covariance of what coefficients are off by noise, over all drifts by their likelihood."""
     none, those = _weights(cases, shapes)
     shown = np.array([c.shown for c in cases])
     those = those * shown[[v.case for v in shapes]] if shapes else those
     none = none * shown
     share = none.sum() + those.sum()
     none, those = none / share, those / share
-    total = np.zeros_like(cases[0].cov)
     variances = np.array([w * c.at(c.square)[0] for w, c in zip(none, cases, strict=True)])
+    of_case = none.copy()
     for w, shape in zip(those, shapes, strict=True):
         variances[shape.case] += w * shape.variance
-    for w, variance, case in zip(none, variances, cases, strict=True):
-        total += variance * case.cov + w * np.outer(case.shift, case.shift)
-    return total
+        of_case[shape.case] += w
+    shifts = np.stack([c.shift for c in cases])
+    mean = of_case @ shifts
+    off = shifts - mean
+    total = np.asarray((of_case[:, None] * off).T @ off)
+    for variance, case in zip(variances, cases, strict=True):
+        total += variance * case.cov
+    return mean, total
 
 
-def _moment_of(
+def _over_shapes(
     cases: Sequence[_Case], mine: NDArray[np.intp], shapes: Sequence[_Shape]
-) -> FloatArray:
-    """Return the mean square of coefficients (reduced) and further orders of terms of one size."""
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and covariance of coefficients (reduced) and further orders of terms of one size."""
     _, weights = _weights(cases, shapes)
     r = cases[0].D.shape[0]
-    found = np.zeros((r + mine.size,) * 2)
+    mean, square = np.zeros(r + mine.size), np.zeros((r + mine.size,) * 2)
     for w, shape in zip(weights, shapes, strict=True):
         if w < _LEAST_WEIGHT:
             continue
-        case = cases[shape.case]
-        T = np.vstack([-case.D[:, mine], np.eye(mine.size)])
-        mean = T @ (shape.R * (shape.U @ (shape.gain * shape.p)))
-        mean[:r] += case.shift
+        T = np.vstack([-cases[shape.case].D[:, mine], np.eye(mine.size)])
+        one = T @ (shape.R * (shape.U @ (shape.gain * shape.p)))
         B = T @ (shape.R[:, None] * shape.U * np.sqrt(shape.gain * shape.variance))
-        found += w * (np.outer(mean, mean) + B @ B.T)
-    return found
+        mean += w * one
+        square += w * (np.outer(one, one) + B @ B.T)
+    return mean, square - np.outer(mean, mean)

@@ -10,16 +10,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import permutations, product
 from typing import Any
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TooFewSamplesError
-from metrosep.core.units import format_engineering
+from metrosep.core.units import format_engineering, format_length
 from metrosep.machine._drift_noise import Fit, Gls, degrees_of, inverse_times
 from metrosep.machine._lack_of_fit import sentence
 from metrosep.machine._reading_problem import (
+    NULL,
     Problem,
     ReadingSet,
     System,
@@ -45,6 +47,8 @@ _FOLLOWS, _FACTOR = 0.7, 3.0
 _LINE = (
     0.9  # share of a residual that is a straight line: noise in six places has it once in 250 sets
 )
+_EXCHANGED = 2.0
+"""By how much what is left of a set must fall with its channels in another order."""
 _SHOWN = 5.0
 """Standard deviations by which other sets must show what they foretell."""
 _PASTED = 5
@@ -223,6 +227,90 @@ def factors_of_sets(problem: Problem, system: System, fit: Fit) -> list[str]:
                 f"them; check its {'senses or direction' if factor < 0.0 else 'unit'}"
             )
     return said
+
+
+def exchanged_channels(problem: Problem, current: Sequence[Instrument]) -> list[str]:
+    """Return a sentence for nests that fit far better with channels exchanged or turned in sign.
+
+    Least squares of all nests, with the 48 orders and signs of three channels tried for each set and for all
+    of them alike, one change after another while the mean residual falls.
+    """
+    blocks, values, at, begin = [], {}, {}, 0
+    for k, reading in enumerate(problem.sets):
+        whole = np.isfinite(np.asarray(reading.values)).all(axis=1)
+        if reading.instrument.n_readings == 3 and whole.any():
+            block, rest = problem.block(k, current[k])
+            blocks.append(block[whole].reshape(-1, block.shape[-1]))
+            values[k] = rest[whole]
+            at[k] = slice(begin, begin + rest[whole].size)
+            begin = at[k].stop
+    if not blocks:
+        return []
+    X = np.concatenate(blocks)
+    size = np.linalg.norm(X, axis=0)
+    U, singular, _ = np.linalg.svd(X / np.where(size > 0.0, size, 1.0), full_matrices=False)
+    Q = U[:, singular > NULL * singular[0]]
+    free = X.shape[0] - Q.shape[1]
+    orders = [(p, s) for p in permutations(range(3)) for s in product((1.0, -1.0), repeat=3)]
+
+    def left(chosen: Mapping[int, tuple[Sequence[int], Sequence[float]]]) -> FloatArray:
+        y = np.concatenate([(values[k][:, list(p)] * s).ravel() for k, (p, s) in chosen.items()])
+        return np.asarray(np.abs(y - Q @ (Q.T @ y)))
+
+    given = dict.fromkeys(values, orders[0])
+    chosen, before = given, left(given)
+    best = float(before.mean())
+    sure = 1.0 + 2.0 / math.sqrt(2.0 * max(free, 1))  # two standard deviations of a scatter
+    for _ in range(len(values) + 1):
+        targets = [tuple(values), *((k,) for k in values if len(values) > 1)]
+        trials = [chosen | dict.fromkeys(t, order) for t in targets for order in orders]
+        means = np.array([float(left(trial).mean()) for trial in trials])
+        if means.min() * sure > best:
+            break
+        # orders that differ by what no reading tells fit alike: the one with the fewest changes is meant
+        alike = np.flatnonzero(means <= sure * means.min())
+        chosen = trials[min(alike, key=lambda i: (_changes(trials[i]), means[i]))]
+        best = float(left(chosen).mean())
+    after, trials_made = left(chosen), 48 * (len(values) + 1)
+    by_order: dict[Any, list[int]] = {}
+    for k, order in chosen.items():
+        ratio = float(before[at[k]].mean() / max(after[at[k]].mean(), np.finfo(np.float64).tiny))
+        if order != orders[0] and ratio > _EXCHANGED:
+            by_order.setdefault(order, []).append(k)
+    if free * math.log(max(float(before.mean()) / max(best, 1e-300), 1.0)) < math.log(
+        trials_made / _CHANCE
+    ):
+        return []
+    sizes = f"{format_length(float(before.mean()), digits=2)} to {format_length(best, digits=2)}"
+    return [
+        f"{', '.join(problem.labels[k] for k in mine)}: with {_in_words(order)} what the errors leave of the readings "
+        f"would fall from {sizes}; check which sensor each column is and which way raises it, mend the columns, and "
+        "calibrate again; do not use these errors"
+        for order, mine in by_order.items()
+    ]
+
+
+def _changes(chosen: Mapping[int, tuple[Sequence[int], Sequence[float]]]) -> tuple[int, int]:
+    """Return how many channels changed places and how many signs, over all sets."""
+    moved = sum(p[i] != i for p, _ in chosen.values() for i in range(3))
+    turned = sum(v < 0.0 for _, s in chosen.values() for v in s)
+    return moved + turned, turned
+
+
+def _in_words(order: tuple[Sequence[int], Sequence[float]]) -> str:
+    """Return which columns are exchanged and which change sign."""
+    places, signs = order
+    names = [f"reading_{d}" for d in "xyz"]
+    moved = [i for i in range(3) if places[i] != i]
+    turned = [names[i] for i in range(3) if signs[i] < 0.0]
+    if len(moved) == 3:
+        parts = [", ".join(f"{names[i]} taken from {names[places[i]]}" for i in range(3))]
+    else:
+        parts = [" and ".join(names[i] for i in moved) + " exchanged"] if moved else []
+    if turned:
+        after = ", then " if moved else ""
+        parts.append(f"{after}the sign of {' and '.join(turned)} turned")
+    return "".join(parts)
 
 
 def lines_left(problem: Problem, system: System, fit: Fit) -> list[str]:

@@ -88,8 +88,9 @@ class ReadingSet:
     resolution : float, optional
         Step of the display, m or rad; the one that all readings are whole numbers of if omitted.
     artefact : str, optional
-        Name of the straightedge or square whose profile is the unknown ``form``: sets that name the
-        same one share it, place by place along it. Height out of its surface, towards the tool, raises
+        Name of the straightedge or square whose profile is the unknown ``form``, or of the bar whose
+        error of length is the unknown ``length``: sets that name the same one share it, a profile place
+        by place along it. Height out of its surface, towards the tool, raises
         the reading. Read it in one set-up with the direction u and reversed with -u: then the profile
         and the straightness are told apart. With an unknown slope in its sets the profile has none.
 
@@ -121,6 +122,14 @@ class ReadingSet:
         named = (self.unknown,) if isinstance(self.unknown, str) else tuple(self.unknown)
         for name in named:
             numbers.choice(name, f"unknown of a {type(kind).__name__}", kind.unknowns)
+        if self.artefact and not {"form", "length"} & set(named):
+            of = "".join(
+                f"add {n} to its unknown, or " for n in ("form", "length") if n in kind.unknowns
+            )
+            raise DataError(
+                f"{self.label}: artefact {self.artefact!r} is named, but nothing of it is unknown, so nothing is "
+                f"shared: {of}leave the artefact out"
+            )
         values = positions_array(self.values, f"readings of {self.label}")
         k = kind.n_readings
         if values.ndim != (1 if k == 1 else 2) or (k > 1 and values.shape[-1] != k):
@@ -309,6 +318,14 @@ class Problem:
                         self.names += [f"form order {n} of {owner}" for n in orders]
                         self.units += ["m"] * len(orders)
                     at[name] = shared[owner]
+                    continue
+                if name == "length" and reading.artefact:
+                    bar = f"length of {reading.artefact}"
+                    if bar not in shared:
+                        shared[bar] = slice(len(self.names), len(self.names) + 1)
+                        self.names.append(bar)
+                        self.units.append("m")
+                    at[name] = shared[bar]
                     continue
                 k = reading.instrument.unknowns[name]
                 at[name] = slice(len(self.names), len(self.names) + k)

@@ -30,8 +30,9 @@ from metrosep.machine._drift_noise import (
     few_readings_covariance,
     rounding_covariance,
 )
-from metrosep.machine._lack_of_fit import lack_of_fit, left_out
+from metrosep.machine._lack_of_fit import beyond_orders, lack_of_fit
 from metrosep.machine._model_choice import (
+    exchanged_channels,
     factors_of_sets,
     harmonics_alike,
     lines_left,
@@ -119,8 +120,8 @@ class Calibration:
     audit : mapping
         Numbers with units in the keys.
     beyond : tuple of (mapping of str to Basis, ndarray), optional
-        Shapes of each term with the orders that were not fitted, and the mean square of what the fit
-        misses by their coefficients: u of curves and of places contains it.
+        Shapes of each term with the orders that were not fitted behind the others, and the covariance of all
+        their coefficients: u of curves and of places.
     """
 
     chain: Chain
@@ -385,17 +386,21 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         system.design, system.streams, fit, problem.steps, problem.alike(system)
     )
     of_few = few_readings_covariance(system.design, system.streams, fit, problem.stated)
-    left = left_out(problem, current, found.good, system, fit)
-    spread, k = left.moment.copy(), beta.size
+    left = beyond_orders(problem, current, found.good, system, fit)
+    spread, size = left.cov.copy(), beta.size
     to_all = system.V / system.sizes[:, None]
-    spread[:k, :k] += to_all @ (of_digits + of_few) @ to_all.T
+    spread[:size, :size] += to_all @ (of_digits + of_few) @ to_all.T
     rest = system.y - system.X @ beta
+    off = left.mean
+    model = system.X @ off[:size] + left.columns @ off[size:]
+    beta = beta + off[:size]
+    exchanged = exchanged_channels(problem, current)
     residuals, noise, refused, chi2, n_stated = {}, {}, {}, 0.0, 0
     begin = 0
     for k, (reading, label) in enumerate(zip(sets, problem.labels, strict=True)):
         end = system.ends[k]
         values = np.full(np.asarray(reading.values).shape, math.nan)
-        values.reshape(-1)[system.rows[k]] = rest[begin:end]
+        values.reshape(-1)[system.rows[k]] = (rest - model)[begin:end]
         residuals[label] = values[:, 0] if reading.instrument.n_readings == 1 else values
         refused[label] = int(np.isfinite(np.asarray(reading.values)).sum()) - (end - begin)
         noise[label] = problem.noise_of(k, fit)
@@ -409,9 +414,10 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
                     f"{label} contradicts the other sets or the model: its residuals are "
                     f"{math.sqrt(part / (end - begin)):.3g} times the stated noise, the largest "
                     f"{worst:.3g}; check its unit, its sign, its tool point and its set-up"
+                    + "".join(f". {said}" for said in exchanged)
                 )
         begin = end
-    messages = [_gauge(chain, homes), *_shapeless(problem, homes)]
+    messages = [*exchanged, _gauge(chain, homes), *_shapeless(problem, homes)]
     messages += [
         f"the readings hold more of {axis} than its orders: order {order} is there beyond chance; give a "
         f"higher degree ({axis}={order}); u of the curves contains what is missing"
@@ -419,13 +425,14 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     ]
     messages += harmonics_alike(problem)
     messages += sets_that_add_nothing(problem, system)
-    messages += lines_left(problem, system, fit)
-    lacks, judged = lack_of_fit(problem, current, found.good)
-    messages += lacks
-    messages += shapes_left(problem, system, fit, judged)
-    messages += factors_of_sets(problem, system, fit)
+    if not exchanged:  # else what is left is the exchange
+        messages += lines_left(problem, system, fit)
+        lacks, judged = lack_of_fit(problem, current, found.good)
+        messages += lacks
+        messages += shapes_left(problem, system, fit, judged)
+        messages += factors_of_sets(problem, system, fit)
+        messages += unequal_noise(problem, system, fit)
     messages += repeated_rows(sets, problem.labels, [*noise.values()])
-    messages += unequal_noise(problem, system, fit)
     messages += _louder(sets, problem.labels, noise)
     messages += _coarse(problem, noise)
     share = fit.beta.size * n_stated / max(system.y.size, 1)
@@ -449,7 +456,10 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         *(n + sums.get(i, "") for i, n in enumerate(null)),
         *hardly_known(problem.names[:p], problem.units[:p], cov[:p, :p]),
     )
-    beyond = {n: (left.bases[n], spread[np.ix_(own, own)]) for n, own in left.at.items()}
+    beyond = {
+        n: (left.bases[n], off[own[own >= size]], spread[np.ix_(own, own)])
+        for n, own in left.at.items()
+    }
     errors, fitted = terms_found(chain, problem.bases, beta, cov, unseen, beyond)
     of_terms = np.concatenate([*left.at.values()])
     unknowns: dict[str, Mapping[str, tuple[FloatArray, FloatArray]]] = {}
@@ -463,7 +473,10 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
                 of_set[name] = (shapes @ beta[where], np.sqrt(np.maximum(square, 0.0)))
                 continue
             place = getattr(current[k], name, None) if is_place(current[k], name) else None
-            of_set[name] = (beta[where] if place is None else np.asarray(place), u[where])
+            of_set[name] = (
+                beta[where] if place is None else np.asarray(place) + off[where],
+                u[where],
+            )
         if of_set:
             unknowns[label] = freeze_mapping(of_set)
     if fit.judged and not fit.white:
@@ -528,7 +541,7 @@ def terms_found(
     beta: FloatArray,
     cov: FloatArray,
     unseen: set[str],
-    beyond: Mapping[str, tuple[Basis, FloatArray]],
+    beyond: Mapping[str, tuple[Basis, FloatArray, FloatArray]],
 ) -> tuple[dict[str, ErrorTerm], dict[str, ErrorTerm]]:
     """Return terms, NaN where not determined, and the smallest that explain the readings."""
     errors: dict[str, ErrorTerm] = {}

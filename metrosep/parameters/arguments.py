@@ -7,13 +7,13 @@ those of the profile or map itself, 0 at the mean line (profiles) or at the mean
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from metrosep.core.errors import DataError
+from metrosep.core.readable import near_words
 from metrosep.core.units import format_length, parse_quantity
 
 __all__ = ["AREAL", "PROFILE", "Call", "Function", "call_of", "canonical", "is_call", "unknown"]
@@ -142,11 +142,9 @@ def canonical(name: str, functions: Sequence[Function], kind: str = "") -> str:
 def unknown(names: Iterable[str], known: Iterable[str], what: str) -> DataError:
     """Return the error of names that are not known, with the nearest three to each."""
     offered = list(known)
-    folded = {k.casefold(): k for k in reversed(offered)}
     texts = []
     for name in names:
-        found = difflib.get_close_matches(name.casefold(), folded, n=3, cutoff=0.3)
-        near = [folded[k] for k in found]
+        near = near_words(name, offered, 3, 0.3)
         texts.append(f"{name} (nearest: {', '.join(near)})" if near else name)
     return DataError(
         f"{', '.join(texts)}: not offered as {what}; offered are {', '.join(offered)}"

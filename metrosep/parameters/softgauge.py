@@ -12,12 +12,12 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
-from difflib import get_close_matches
 from typing import Any, Literal
 
 from metrosep.core.errors import DataError, MetrosepError, UnitError
 from metrosep.core.numbers import choice, count, flag, not_negative, positive
 from metrosep.core.profile import Profile
+from metrosep.core.readable import nearest
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering, parse_unit
 from metrosep.filters._arguments import ProfileKind
@@ -508,8 +508,8 @@ def _meant(text: str) -> str:
     """Return the keyword that the first words of a line seem to be a slip of."""
     words = text.upper().split()
     for word in (*words[:1], "_".join(words[:2])):
-        if close := get_close_matches(word, (_VALUE, _FILTER), 1, _ALIKE):
-            return close[0]
+        if close := nearest(word, (_VALUE, _FILTER), _ALIKE):
+            return close
     return ""
 
 

@@ -28,6 +28,7 @@ from metrosep.core.sections import (
 )
 from metrosep.core.surface import Surface
 from metrosep.core.units import PIXEL, Pixels, format_length
+from metrosep.recipe.pipeline import lost_pixels
 from metrosep.recipe.schema import Place
 
 __all__ = [
@@ -241,9 +242,14 @@ def check_sections(
             raise place.error("a and b are the same point: the section has no length", "b")
 
 
-def section_of(obj: Any, section: Mapping[str, Any]) -> MapSection:
-    """Return the numbers of one section of a map."""
+def section_of(
+    obj: Any, section: Mapping[str, Any], *, behind: Sequence[Mapping[str, Any]] = ()
+) -> MapSection:
+    """Return the numbers of one section of the map that the steps `behind` it left."""
     name = section["name"]
+    lost = lost_pixels(behind, section)
+    if lost:
+        raise DataError(lost)
     if not isinstance(obj, Surface):
         raise DataError(f'section "{name}" is cut through a map, and this is a profile')
     pixels = _counts_pixels(section)

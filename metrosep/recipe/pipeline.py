@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import Example, InvalidSamplesError, MetrosepError
+from metrosep.core.errors import InvalidSamplesError, MetrosepError
 from metrosep.core.numbers import LEAST, without_rounding
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.core.regions import crosses_itself, not_round
+from metrosep.core.regions import counts_pixels, crosses_itself, not_round
 from metrosep.core.surface import Surface
 from metrosep.core.units import PIXEL, Pixels, format_length
 from metrosep.recipe import pipeline_checks as keys
@@ -50,6 +50,7 @@ __all__ = [
     "Stage",
     "StepError",
     "checked_step",
+    "lost_pixels",
     "measuring_steps",
     "run_step",
     "run_steps",
@@ -244,10 +245,30 @@ def measuring_steps(
     return tuple(checked)
 
 
+def lost_pixels(steps: Sequence[Mapping[str, Any]], drawn: Mapping[str, Any]) -> str:
+    """Return why a step or section behind `steps` has no place; nothing where it has one.
+
+    px are pixels of the map as it was read. A filter that cuts the rim off leaves others.
+    """
+    for i, step in enumerate(steps if counts_pixels(drawn) else ()):
+        cuts = step["op"] == "filter" and step.get("end") == "cut"
+        if cuts and step.get("enabled", True):
+            return (
+                f"px are pixels of the map as it was read, and step {i + 1} (filter) cuts its rim off, so that "
+                'they would be others: write lengths here, or another end than "cut" there'
+            )
+    return ""
+
+
 def run_step(
-    obj: Measured, step: Mapping[str, Any], *, index: int = 0, preview: bool = False
+    obj: Measured,
+    step: Mapping[str, Any],
+    *,
+    index: int = 0,
+    preview: bool = False,
+    before: Sequence[Mapping[str, Any]] = (),
 ) -> Stage:
-    """Return what one step makes of an object; of a coarse preview without its uncertainty."""
+    """Return what one step makes of what the steps `before` left; of a coarse preview without its uncertainty."""
     if not isinstance(obj, Surface | Profile):
         raise InvalidSamplesError(
             f"the steps of a measurement need a profile or a map, got a {type(obj).__name__}; "
@@ -260,6 +281,9 @@ def run_step(
     if type(obj).__name__ not in STEPS[op].applies:
         kind, other = ("map", "surface") if isinstance(obj, Surface) else ("profile", "line")
         raise StepError(f"{op} does not belong to a {kind}; take {other}_profile", "op")
+    lost = lost_pixels(before, options)
+    if lost:
+        raise StepError(lost, "op")
     began = time.perf_counter()
     hurried = preview and op == "form"
     done: Done = _form(obj, options, with_u=False) if hurried else APPLY[op](obj, options)
@@ -295,6 +319,7 @@ def run_steps(
     *,
     upto: int | None = None,
     first: int = 0,
+    before: Sequence[Mapping[str, Any]] = (),
     cancel: Callable[[], bool] | None = None,
     tell: Tell | None = None,
     preview: bool = False,
@@ -312,6 +337,8 @@ def run_steps(
     first : int, optional
         Number of the first step of the list, where earlier ones were run before: their
         last object is `obj` then.
+    before : sequence of mapping, optional
+        Those earlier steps.
     cancel : callable, optional
         Asked before each step; true stops.
     tell : callable, optional
@@ -357,7 +384,13 @@ def run_steps(
         if tell is not None and step.get("enabled", True):
             tell(f"step {number + 1}: {step.get('op')}")
         stages.append(
-            run_step(stages[-1].obj if stages else obj, step, index=number, preview=preview)
+            run_step(
+                stages[-1].obj if stages else obj,
+                step,
+                index=number,
+                preview=preview,
+                before=(*before, *steps[: number - first]),
+            )
         )
     return tuple(stages)
 
@@ -422,8 +455,8 @@ def _form(obj: Measured, options: Mapping[str, Any], *, with_u: bool = True) -> 
     from metrosep.forms.fit import fit
 
     ideal, rest = form_options(options)
-    if ideal.name == "plane" and isinstance(obj, Surface) and None in (obj.dx, obj.dy):
-        return _plane_over_pixels(obj, rest)
+    if isinstance(obj, Surface) and None in (obj.dx, obj.dy):
+        return _over_pixels(obj, ideal, rest)
     result = fit(obj, ideal, **rest)
     left = result.residual
     assert isinstance(left, Surface | Profile)  # noqa: S101  # as obj is
@@ -477,30 +510,24 @@ def _left_by(name: str, result: Any) -> dict[str, Quantity]:
     }
 
 
-def _plane_over_pixels(obj: Surface, rest: Mapping[str, Any]) -> Done:
-    """Return a map without scale less its plane, which needs none; its inclination would be in m per pixel."""
-    from metrosep.forms.fit import fit
+def _over_pixels(obj: Surface, ideal: Any, rest: Mapping[str, Any]) -> Done:
+    """Return a map without scale less a form that needs none; its parameters would be per pixel."""
+    from metrosep.forms.fit import over_pixels
 
-    held = [k for k, v in rest.get("fixed", {}).items() if k.startswith("tilt") and v != 0.0]
-    if held:  # as rad it would be taken off once per pixel, and not per m
-        raise StepError(
-            f"fix holds {held[0]}, an angle, and the file does not say how large a pixel of the map is: hold "
-            'it at zero or leave it free, or give lateral_step = "3 um" where the file is read',
-            "fix",
-        ).hinting(lateral_step=Example("3 um"))
-    result = fit(Surface(obj.z, 1.0, 1.0), "plane", **rest)
-    facts = {"form": "plane", "over": PIXEL, "n_points": result.n_points}
+    result, name = over_pixels(obj, ideal, **rest), ideal.name
+    facts = {"form": name, "over": PIXEL, "n_points": result.n_points}
     facts |= {"rms_m": result.rms, "pv_m": result.peak_to_valley}
-    history = (*obj.history, *result.residual.history)
-    left = Surface(result.residual.z, metadata=obj.metadata, history=history)
+    lost = "inclination is" if name == "plane" else "coefficients are"
     messages = [
         *result.found_warnings,
         (
-            "the plane is fitted over pixels, whatever their size is; its inclination is not known, as the file "
+            f"the {name} is fitted over pixels, whatever their size is; its {lost} not known, as the file "
             "does not say how large they are"
         ),
     ]
-    return Done(left, _left_by("plane", result), tuple(messages), {**facts, "parameters": {}})
+    found, left = _left_by(name, result), result.residual
+    assert isinstance(left, Surface)  # noqa: S101  # as obj is
+    return Done(left, found, tuple(messages), {**facts, "parameters": {}})
 
 
 def _filter(obj: Measured, options: Mapping[str, Any]) -> Done:

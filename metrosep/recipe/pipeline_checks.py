@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ from metrosep.core.errors import DataError, Example
 from metrosep.core.limits import FORM_OF_SYMBOL
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
-from metrosep.core.readable import did_you_mean, said_value
+from metrosep.core.readable import did_you_mean, nearest, said_value
 from metrosep.core.regions import SHAPES, check_region, in_pixels
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
@@ -406,11 +405,11 @@ def makes_metric(
     if n >= (int(number) if number.isdecimal() else 1):
         return None
     known = sorted({*more, *(name for s in carried_out for name in _named(s))})
-    near = difflib.get_close_matches(symbol, known, n=1, cutoff=0.4)
+    near = nearest(symbol, known, 0.4)
     if n:
         return f'metric = "{metric}": {symbol} is made {n} time{"s" if n > 1 else ""} only', None
-    hint = f'; did you mean "{near[0]}"?' if near else f"; there are {', '.join(known) or 'none'}"
-    return f'metric = "{metric}" is made by no step{hint}', near[0] if near else None
+    hint = f'; did you mean "{near}"?' if near else f"; there are {', '.join(known) or 'none'}"
+    return f'metric = "{metric}" is made by no step{hint}', near or None
 
 
 def _makes(step: Mapping[str, Any], symbol: str) -> bool:

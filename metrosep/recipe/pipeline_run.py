@@ -136,7 +136,8 @@ def measure_object(recipe: Recipe, obj: Any, *, tell: Tell | None = None) -> Mea
         if tell is not None and step.get("enabled", True):
             tell(f"step {i + 1}: {step['op']}")
         try:
-            stages.append(run_step(stages[-1].obj if stages else obj, step, index=i))
+            left = stages[-1].obj if stages else obj
+            stages.append(run_step(left, step, index=i, before=recipe.steps[:i]))
         except MetrosepError as exc:
             raise step_error(exc, recipe, i) from None
     return with_sections(recipe, Measurement(obj, tuple(stages)))
@@ -156,7 +157,7 @@ def with_sections(
     found = []
     for i, section in enumerate(recipe.sections):
         try:
-            found.append(section_of(measured.obj, section))
+            found.append(section_of(measured.obj, section, behind=recipe.steps))
         except DataError as exc:
             error = recipe.place("[[section]]", i).error(str(exc), "name")
             if isinstance(exc, _OF_DATA):  # gaps of one map are no fault of the recipe

@@ -24,11 +24,10 @@ from metrosep.core.limits import (
 )
 from metrosep.core.plugins import entries
 from metrosep.core.readable import PREFIXED, said_value, typed_number
-from metrosep.core.regions import counts_pixels
 from metrosep.core.units import parse_quantity
 from metrosep.parameters.decision import decide
 from metrosep.recipe.methods.turned import AVERAGED, TurnedRuns
-from metrosep.recipe.pipeline import STEPS as MEASURING
+from metrosep.recipe.pipeline import STEPS as MEASURING, lost_pixels
 from metrosep.recipe.pipeline_checks import EVALUATING, SPECTRUM, known_unit, makes_metric
 from metrosep.recipe.result import POSITIONING
 from metrosep.recipe.schema import COMMAND, Place
@@ -273,18 +272,11 @@ def limit_errors(recipe: Recipe) -> Iterator[RecipeError]:
 def _order_errors(recipe: Recipe) -> Iterator[RecipeError]:
     """Yield a line for each evaluation behind which a step changes what was evaluated."""
     done = [(i, s) for i, s in enumerate(recipe.steps) if s.get("enabled", True)]
-    cut = next((i for i, s in done if s["op"] == "filter" and s.get("end") == "cut"), len(done))
-    drawn = [("[[step]]", "op", i, s) for i, s in done if i > cut]
-    drawn += [
-        ("[[section]]", "name", i, s) for i, s in enumerate(recipe.sections) if cut < len(done)
-    ]
-    for header, key, i, table in drawn:
-        if counts_pixels(table):
-            yield recipe.place(header, i).error(
-                f"px are pixels of the map as it was read, and step {cut + 1} (filter) cuts its rim off, so that "
-                'they would be others: write lengths here, or another end than "cut" there',
-                key,
-            )
+    drawn = [("[[step]]", "op", i, s, recipe.steps[:i]) for i, s in done]
+    drawn += [("[[section]]", "name", i, s, recipe.steps) for i, s in enumerate(recipe.sections)]
+    for header, key, i, table, before in drawn:
+        if lost := lost_pixels(before, table):
+            yield recipe.place(header, i).error(lost, key)
     for i, step in done:
         changing = [k for k, s in done if k > i and s["op"] not in EVALUATING]
         if step["op"] not in EVALUATING or step.get("intermediate", False) or not changing:

@@ -27,6 +27,7 @@ from metrosep.core.errors import CorruptFileError, DataError, FileMissingError, 
 from metrosep.core.provenance import Step
 from metrosep.core.public import PublicObject, shortened
 from metrosep.core.runset import Run, RunSet
+from metrosep.core.units import Pixels
 
 if TYPE_CHECKING:
     from metrosep.separation.runs.base import ErrorEstimate
@@ -165,7 +166,7 @@ _AS_THEY_ARE = {float, int, bool, str, type(None)}
 
 
 def clean(value: Any) -> Any:
-    """Return a value as JSON knows it: NaN and infinities become None, tuples lists."""
+    """Return a value as JSON knows it: NaN and infinities become None, tuples lists, px texts."""
     if isinstance(value, dict | Mapping):
         return {str(k): clean(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -178,6 +179,8 @@ def clean(value: Any) -> Any:
         return [clean(v) for v in value]
     if isinstance(value, np.generic):
         value = value.item()
+    if isinstance(value, Pixels):
+        return str(value)
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Path):
@@ -438,6 +441,7 @@ _POWERS = np.array([float(f"1e{k}") for k in range(_DECIMALS + 1)])
 _MARK = "\0numbers {}\0"
 _FOUND = re.compile(r'"\\u0000numbers (\d+)\\u0000"')
 _PLAIN = ({float}, {float, type(None)})
+_SCALARS = frozenset({float, int, str, bool, type(None)})
 
 
 def document_text(document: Mapping[str, Any]) -> str:
@@ -478,7 +482,7 @@ def _swapped(value: Any, lists: list[str]) -> Any:
         texts = _texts(list(chain.from_iterable(value)))
         lists.append(_joined(_joined(texts[i : i + n]) for i in range(0, len(texts), n)))
     else:
-        return [_swapped(v, lists) for v in value]
+        return [v if type(v) in _SCALARS else _swapped(v, lists) for v in value]
     return _MARK.format(len(lists) - 1)
 
 

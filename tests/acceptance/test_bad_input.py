@@ -14,6 +14,8 @@ from metrosep.app.server import Answers
 from metrosep.app.sessions import Session
 from metrosep.cli.main import main
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 HEAD = 'metrosep = 1\n[input]\nfiles = ["part.h5"]\n'
 PARAMETERS = '[[step]]\nop = "parameters"\nnames = ["Sq"]\n'
 BESIDE = {"shape": "circle", "diameter": "20 um", "centre": ["30 mm", "30 mm"]}

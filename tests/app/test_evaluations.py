@@ -77,6 +77,18 @@ def test_a_step_that_fails_keeps_those_before_it_and_the_map_before_it_is_shown(
     assert outcome.after(-2) is made.obj
 
 
+def test_pixels_behind_a_filter_that_cuts_the_rim_off_fail_here_too():
+    cut = {"op": "filter", "cutoff": "80 um", "end": "cut"}
+    circle = {"shape": "circle", "diameter": "60 px", "centre": ["300 px", "200 px"]}
+    mask = {"op": "mask", "aperture": circle}
+    made = Evaluations(sphere_map())
+    for level in ("idle", "full"):
+        outcome = made.outcome(steps(cut, mask), level)
+        assert outcome.failed == 1
+        assert "px are pixels of the map as it was read, and step 1 (filter)" in str(outcome.error)
+        assert made.outcome(steps(mask, cut), level).error is None
+
+
 def test_small_data_have_no_preview():
     for obj in (Surface(np.zeros((50, 60)), UM, UM), Profile(np.arange(9.0), np.zeros(9))):
         assert Evaluations(obj).source("drag") == (obj, False)

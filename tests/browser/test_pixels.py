@@ -166,6 +166,21 @@ def test_the_page_and_the_command_line_find_the_same_and_so_does_the_map_with_it
     assert page.errors == []
 
 
+def test_the_title_says_which_steps_the_picture_is_of(opened: Opened, part: Path) -> None:
+    """While a hand moves, a large map without scale shows the steps that are done already."""
+    page = opened(part)
+    page.run(
+        "window.titles = []; new MutationObserver(() => window.titles.push("
+        "document.getElementById('map-stage').textContent)).observe("
+        "document.getElementById('map-stage'), { childList: true, characterData: true, subtree: true })"
+    )
+    hand = PixelHand(page)
+    settled(page, lambda: (page.press("c"), hand.drag((300, 400), (380, 400))))
+    titles = page.run("window.titles")
+    assert "after step 1, form: step 2, mask, follows" in titles, titles
+    assert titles[-1] == "after all steps"
+
+
 def test_mm_typed_for_one_size_of_a_shape_in_px_is_refused(opened: Opened, part: Path) -> None:
     page = opened(part)
     hand = PixelHand(page)

@@ -4,6 +4,7 @@ Both carry an asymmetry: a mirrored spindle or a swapped slide gives other numbe
 """
 
 import csv
+import tomllib
 
 import numpy as np
 import pytest
@@ -51,15 +52,31 @@ def columns_of(path):
     return dict(zip(lines[0], np.array(lines[1:], dtype=float).T, strict=True))
 
 
-@pytest.mark.parametrize("curves", ["EZX=6, EZC=3, EXC=4", "{ EZX = 6, EZC = 3, EXC = 4 }"])
-def test_curves_of_two_parts_are_typed_as_a_table(metrosep, tmp_path, monkeypatch, curves):
+def test_curves_are_typed_with_braces_too(metrosep, tmp_path, monkeypatch):
+    """As TOML has them; the numbers are judged where the same curves are typed without."""
+    monkeypatch.chdir(tmp_path)
+    drawn(tmp_path / "face.csv", None, np.random.default_rng(11), n=24)
+    code, _, err = metrosep(
+        *("separate", "face.csv", "--method", "identify", "--set", "machine=sts_lathe"),
+        *("--set", "radius=20 mm", "--set", "forms=plane", "--set", "curves={ EZX = 4, EZC = 3 }"),
+        *("--set", "centre=0 mm,0 mm", "-o", "out"),
+    )  # fmt: skip
+    assert code == 0, err
+    spindle = columns_of(tmp_path / "out" / "C.csv")
+    # 24 pixels across and four orders along: a wave of 25 nm comes back with its sign
+    assert spindle["EZC_um"] * 1e3 == pytest.approx(
+        ezc(np.radians(spindle["c_deg"])) / NM, abs=3.0
+    )
+
+
+def test_curves_of_two_parts_are_typed_as_a_table(metrosep, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(11)
     drawn(tmp_path / "face.csv", None, rng)
     drawn(tmp_path / "hollow.csv", 60e-3, rng)
     code, _, err = metrosep(
         *("separate", "face.csv", "hollow.csv", "--method", "identify", "--set", "machine=sts_lathe"),
-        *("--set", "radius=20 mm", "--set", "forms=plane,sphere: R=60 mm", "--set", f"curves={curves}"),
+        *("--set", "radius=20 mm", "--set", "forms=plane,sphere: R=60 mm", "--set", "curves=EZX=6, EZC=3, EXC=4"),
         *("--set", "centre=0 mm,0 mm", "-o", "out"),
     )  # fmt: skip
     assert code == 0, err
@@ -84,5 +101,49 @@ def test_what_is_no_table_is_refused_with_the_way_to_type_it(metrosep, tmp_path,
             *("--set", "radius=20 mm", "--set", f"curves={typed}"),
         )
         assert code == 2
-        assert "--set curves: " in err
+        assert "--set curves" in err
         assert "NAME=VALUE" in err
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [("EZX=06,EZC=auto", {"EZX": 6, "EZC": "auto"}), ("EZX=٣", {"EZX": 3}), ('E"Z=3', {'E"Z': 3})],
+)
+def test_a_count_with_zeros_before_it_is_that_count(metrosep, typed, meant):
+    words = (
+        "separate",
+        "--method",
+        "identify",
+        "--print-recipe",
+        "part.h5",
+        "--set",
+        "threshold=02",
+    )
+    code, out, err = metrosep(*words, "--set", f"curves={typed}")
+    assert code == 0, err
+    (step,) = tomllib.loads(out)["step"]
+    assert step["curves"] == meant
+    assert step["threshold"] == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ("--set", "curves=EZX=3", "--set", "curves=EZX=4"),
+            "--set curves is given twice: keep one",
+        ),
+        (("--set", "curves=EZX=3,EZX=4"), "--set curves EZX is given twice: keep one"),
+        (
+            ("--set", "machine-radius=1 m", "--set", "machine_radius=2 m"),
+            "--set machine_radius is given twice",
+        ),
+        (("--column", "map=a", "--column", "map=b"), "--column map is given twice"),
+    ],
+)
+def test_a_name_that_is_given_twice_is_refused(metrosep, words, said):
+    code, out, err = metrosep(
+        "separate", "--method", "identify", "--print-recipe", "part.h5", *words
+    )
+    assert (code, out) == (2, "")
+    assert said in err

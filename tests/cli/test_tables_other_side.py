@@ -361,3 +361,157 @@ def test_what_the_entries_do_not_reach_is_said(spacing, is_said, tmp_path, metro
     assert code == 0, told
     said = "the entries reach over 7.3 ... 82.3 mm, the error is known over 0 ... 100 mm"
     assert (said in told) is is_said
+
+
+# ---- files of a control that were active, as others write them
+
+
+AT = np.arange(-210.0, 331.0, 20.0)
+"""Nodes of an old file; the reference 0 mm lies between two of them."""
+
+
+def believed(p, way):
+    """The error in mm as somebody once had it: six tenths of its size, and a slope that is wrong."""
+    return UM * (0.6 * lossy(p, way) - 0.008 * p)
+
+
+def old_enc():
+    rows = "".join(f"$AA_ENC_COMP[0,{k},AX1]={believed(p, 1):.6f}\r\n" for k, p in enumerate(AT))
+    ends = "".join(
+        f"$AA_ENC_COMP_{k}[0,AX1]={v}\r\n"
+        for k, v in (("STEP", 20), ("MIN", -210), ("MAX", 330), ("IS_MODULO", 0))
+    )
+    return f"%_N_AX1_EEC_INI\r\n;$PATH=/_N_CEC_DIR\r\nCHANDATA(1)\r\n{rows}{ends}M17\r\n"
+
+
+def old_com():
+    """A table whose columns have the widths of another control, and a column of another axis."""
+    titles = f"{'NR':8}{'AXISPOS':12}{'BACKLASH':12}{'X':12}Z"
+    rows = [
+        f"{k:<8d}{p:<+12.4f}{believed(p, -1):<+12.4f}{believed(p, 1):<+12.4f}{1e-4 * k:+.4f}"
+        for k, p in enumerate(AT)
+    ]
+    return "\r\n".join(["BEGIN XACHSE.COM MM", titles, *rows, "[END]", ""])
+
+
+def old_gvl():
+    """A list of variables as an engineer types it: an attribute, remarks, from 0 on, whole numbers, own names."""
+    rows = [f"\t(Position:={p:.0f}, Compensation:={-believed(p, 1):.6f})" for p in AT]
+    rows[0] += ", // home side"
+    body = rows[0] + "\n" + ",\n".join(rows[1:])
+    return (
+        "{attribute 'qualified_only'}\nVAR_GLOBAL CONSTANT\n\taComp : ARRAY [0..27] OF "
+        f"ST_PositionCompensationTableElement := [\n{body}\n\t];\n\tstComp : "
+        "ST_PositionCompensationTableParameter := (\n\t\tNoOfTableElements := 28, MinPosition := -210,\n"
+        "\t\tMaxPosition := 330.0, Direction := E_WorkDirection.WorkDirectionBoth );\nEND_VAR\n"
+    )
+
+
+def enc(text):
+    rows = {int(i): float(v) for i, v in re.findall(r"_COMP\[0,(\d+),AX1\]=(\S+)", text)}
+    step, low = (float(re.search(rf"_{w}\[0,AX1\]=(\S+)", text)[1]) for w in ("STEP", "MIN"))
+    places = low + step * np.arange(len(rows))
+    return lambda p, way: -np.interp(p, places, [rows[i] for i in range(len(rows))])
+
+
+def com(text):
+    rows = np.array([line.split()[1:4] for line in text.splitlines() if line[:1].isdigit()], float)
+    return lambda p, way: -np.interp(p, rows[:, 0], rows[:, 2 if way > 0 else 1])
+
+
+@pytest.mark.parametrize(
+    ("control", "old", "lookup", "more"),
+    [
+        ("sinumerik-enc", old_enc, enc, ["machine_axis=AX1"]),
+        ("heidenhain", old_com, com, ["looked_up_axis=X"]),
+        ("twincat", old_gvl, twincat, []),
+    ],
+)
+def test_a_file_of_the_control_that_was_active_is_added_to(
+    control, old, lookup, more, tmp_path, metrosep
+):
+    file, out = tmp_path / "old.txt", tmp_path / "new.txt"
+    file.write_bytes(old().encode("ascii"))
+    was = lambda p, way: (  # noqa: E731
+        np.interp(p, AT, -believed(AT, way if control == "heidenhain" else 1))
+    )
+
+    def seen(p, way):
+        c = float(was(p, way))
+        return c / UM + lossy(p + c, way)
+
+    targets = np.array([*AT[:11], 0.0, *AT[11:]])
+    words = written(tmp_path / "run.csv", targets, seen, unit="mm", seed=11)
+    flags = [w for m in more for w in ("--machine", m)]
+    code, _, told = metrosep(
+        "table", *words, "--axis", "X", "--reference", "0 mm", "--spacing", "20 mm", "--format", control, *flags,
+        "--sign-confirmed", "--active", file, "-o", out,
+    )  # fmt: skip
+    assert code == 0, told
+    correction = lookup(out.read_text())
+    positions = np.linspace(-200.0, 320.0, 1201)
+    if control == "heidenhain":
+        before, rest = (left(c, lossy, positions, UM)[0] for c in (was, correction))
+    else:  # one column: the middle of both directions
+        before, rest = (
+            np.ptp(
+                sum(c(positions, 1) / UM + lossy(positions + c(positions, 1), w) for w in (1, -1))
+                / 2
+            )
+            for c in (was, correction)
+        )
+    assert before > 3.0  # um
+    assert rest < LEFT + 0.4  # um: lines between entries 20 mm apart, of a wave of 190 mm
+    if control == "sinumerik-enc":
+        assert (
+            abs(float(correction(0.0, 1))) < 1e-9
+        )  # mm: the axis does not jump when it is referenced
+        assert "was subtracted so that the correction is zero at the reference 0 m" in told
+
+
+# ---- mistakes of the one who wrote the list
+
+
+@pytest.mark.parametrize(
+    ("targets", "readings", "units"),
+    [
+        ("mm", "um", "mm and um"),
+        ("mm", "nm", "mm and nm"),
+        ("in", "mm", "inches and mm"),
+        ("mm", "in", "inches and mm"),
+    ],
+)
+@pytest.mark.parametrize("sense", [[], SENSE])
+def test_readings_with_the_numbers_of_the_targets_in_another_unit_are_refused(
+    targets, readings, units, sense, tmp_path, metrosep
+):
+    """Positions in mm below a title in um were taken for deviations: a table of -999 um/m was accepted."""
+    rng = np.random.default_rng(5)
+    lines = [f"target_{targets},dir," + ",".join(f"r{k}_{readings}" for k in range(3))]
+    for p in np.arange(-118.0, 395.0, 27.0):
+        values = p + UM * (lossy(p, 1) + rng.normal(0.0, NOISE, 3))
+        lines.append(f"{p:.3f},+," + ",".join(f"{v:.5f}" for v in values))
+    (tmp_path / "run.csv").write_text("\n".join(lines) + "\n")
+    names = ",".join(f"r{k}_{readings}" for k in range(3))
+    code, _, told = metrosep(
+        "table", tmp_path / "run.csv", "--target", f"target_{targets}", "--direction", "dir", "--readings", names,
+        *sense, "--axis", "X", "-o", tmp_path / "x.comp",
+    )  # fmt: skip
+    assert code == 4, told
+    assert f"the unit of a column is wrong ({units})" in told
+    assert not (tmp_path / "x.comp").exists()
+
+
+def test_what_one_column_leaves_of_a_lost_motion_is_said(tmp_path, metrosep):
+    """0.5 um of pitch and 6 um of lost motion: one column takes the pitch, which is little of both."""
+    error = lambda p, way: 0.5 * np.sin(2 * np.pi * p / 170) - 6.0 * (way < 0)  # noqa: E731
+    words = written(tmp_path / "run.csv", np.arange(0.0, 171.0, 10.0), error, unit="mm", seed=12)
+    code, _, told = metrosep(
+        "table", *words, "--axis", "X", "--format", "sinumerik-enc", "--machine", "machine_axis=X1", "-o",
+        tmp_path / "x.ini",
+    )  # fmt: skip
+    assert code == 1
+    stays = re.search(r"a lost motion \(reverse - forward\) of (-[\d.]+) nm stays", told)
+    assert stays, told
+    assert abs(float(stays[1]) + 6000.0) < 1e3 * NOISE
+    assert "set it as the backlash of the control" in told

@@ -13,6 +13,8 @@ from metrosep.controllers.gcode.machine_programs import rewrite_machine_program
 from metrosep.core.errors import UnitError, UnsupportedFeatureError
 from metrosep.machine import presets
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 NM = 1e-9
 H, TOOL = 0.08, (0.01, -0.005, -0.12)
 ZERO = {"X": 0.02, "Z": 0.15, "C": np.radians(10.0)}

@@ -269,6 +269,5 @@ class TestTwinCAT(DialectContract):
         ("0.000000000),", "0.000000000)"),
         ("-0.002000000)", "-0.002000000),"),
         ("Position := -10", "Position := 10"),
-        ("CompTableParameter", "OtherParameter"),
         ("0.001500000", "0,001500000"),
     )

@@ -43,6 +43,15 @@ def test_coefficients_of_an_asphere():
     assert form.parameters["a6"] is None
 
 
+@pytest.mark.parametrize("a4", ["A4=2e-7 /mm^3", "a4=2e-7 mm^-3", "a4=2E-7 1/mm3", "a4=200 SI"])
+def test_coefficients_of_an_asphere_have_the_unit_of_the_drawing(a4):
+    form = form_from_text(f"asphere: R=40 mm, k=-1, {a4}, a6=-3e-10 /mm^5, a2=1e-3 /mm")
+
+    r = 7.5  # mm; a paraboloid and the terms of the drawing
+    sag = r**2 / 80.0 + 1e-3 * r**2 + 2e-7 * r**4 - 3e-10 * r**6
+    assert form(r * 1e-3, 0.0) == pytest.approx(sag * 1e-3, abs=1e-17)  # rounding of float64
+
+
 def test_expression_keeps_its_formula():
     form = form_from_text("expression: a*x**2 + sin(y/L); a=2, L=1e-3")
 
@@ -61,7 +70,14 @@ def test_expression_keeps_its_formula():
         ("plane: tilt=1", DataError, "no parameters"),
         ("polynomial: degree=two", DataError, "degree is 'two'"),
         ("zernike: order=latin", DataError, "order"),
-        ("asphere: a4=3 mm", DataError, "a4"),
+        ("asphere: a4=3 mm", UnitError, "such as 3 /mm"),
+        ("asphere: a4=2e-7", UnitError, r"such as 2e-7 /mm\^3, or SI"),
+        ("asphere: a4=2e-7 /mm^4", UnitError, "to the power -3, not -4"),
+        ("asphere: coefficients=2", DataError, "such as a4=2e-7 /mm"),
+        ("asphere: a4=1 SI, A4=2 SI", DataError, "given twice"),
+        ("asphere: a4=1 SI, a04=2 SI", DataError, "given twice"),
+        ("asphere: terms=4 6, a4=2 SI", DataError, "given twice"),
+        ("asphere: terms=4 a4", DataError, "given twice"),
         ("expression: a*x; a=", DataError, "a="),
     ],
 )

@@ -11,6 +11,8 @@ import metrosep as ms
 from metrosep.cli.main import main
 from metrosep.io.check import check_file, check_object
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 
 @pytest.fixture
 def rough(rng):

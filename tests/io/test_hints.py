@@ -17,6 +17,8 @@ import metrosep as ms
 from metrosep.cli.main import main
 from metrosep.io.stream import open_stream
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 X = [round(0.1 * k, 1) for k in range(60)]
 Z = [round(float(np.sin(0.4 * k)) + 1e-3 * k, 4) for k in range(60)]
 ROWS = [f"{x},{z}" for x, z in zip(X, Z, strict=True)]

@@ -10,6 +10,8 @@ import metrosep as ms
 from metrosep.cli.main import main
 from metrosep.io.check import check_file
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 X = np.linspace(0.0, 0.01, 21)
 Z = 1e-6 * np.sin(300.0 * X) + 1e-7 * X
 GAPS = np.where(X > 0.0096, np.nan, Z)

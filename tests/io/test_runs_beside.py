@@ -10,6 +10,8 @@ import metrosep as ms
 from metrosep.cli.main import main
 from metrosep.io.check import check_file
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 N, RUNS = 81, 4
 PLACES = [0.5 * k for k in range(N)]  # mm
 TIGHT = 1e-15

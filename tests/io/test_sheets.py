@@ -22,6 +22,8 @@ import metrosep as ms
 from metrosep.cli.main import main
 from metrosep.io.stream import open_stream
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 X = [0.5 * k for k in range(24)]
 Z = [round(math.sin(0.7 * k) + 0.03 * k, 6) for k in range(24)]
 NAMES = ("run", "x_mm", "z_um", "feed_mm_min")

@@ -11,6 +11,8 @@ from metrosep.core.errors import DataError, InvalidSamplesError, MetrosepError
 from metrosep.io.term_files import read_term_table, term_texts
 from metrosep.machine.terms import ConstantTerm, TableTerm
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 UM, URAD = 1e-6, 1e-6
 KINDS = {"X": "length", "C": "angle"}
 

@@ -1,5 +1,6 @@
 """Columns of an R-test that are not what they say: a unit of the positions, a channel that was never read."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -15,27 +16,39 @@ Y0A, Z0A, X0C = 11 * UM, -6 * UM, 9 * UM
 TERMS = ["Y0A", "Z0A", "X0C"]
 
 
-def set_of(*, factor=1.0, order=(0, 1, 2), sign=1.0, unread=(), ball=BALL, noise=0.1 * UM):
+def turned(point, a, c):
+    """Where a point of the table is on the bed: C takes x towards -y, then A takes y towards -z."""
+    x, y = (
+        point[0] * np.cos(c) + point[1] * np.sin(c),
+        -point[0] * np.sin(c) + point[1] * np.cos(c),
+    )
+    return x, y * np.cos(a) + point[2] * np.sin(a), -y * np.sin(a) + point[2] * np.cos(a)
+
+
+def set_of(
+    *,
+    factor=1.0,
+    order=(0, 1, 2),
+    sign=1.0,
+    unread=(),
+    ball=BALL,
+    noise=0.1 * UM,
+    beside=(0.0, 0.0, 0.0),
+    name="ball 1",
+):
     """One ball at six places of A and twelve of C; the lines act as machines.md, eq. 13 and 4, say."""
     a, c = (
         v.ravel() for v in np.meshgrid(np.radians([-90, -60, -30, 0, 15, 30]), np.arange(12) * math.pi / 6)
     )  # fmt: skip
-    x = BALL[0] * np.cos(c) + BALL[1] * np.sin(c)
-    y = -BALL[0] * np.sin(c) + BALL[1] * np.cos(c)
-    z = BALL[2] + PIVOT
-    q = {
-        "X": x * factor,
-        "Y": (y * np.cos(a) + z * np.sin(a)) * factor,
-        "Z": (-y * np.sin(a) + z * np.cos(a)) * factor,
-        "A": a,
-        "C": c,
-    }
+    x, y, z = turned(np.add(BALL, (0.0, 0.0, PIVOT)), a, c)
+    q = {"X": x * factor, "Y": y * factor, "Z": z * factor, "A": a, "C": c}
     # what carries the work stands beside its place, so the tool misses it the other way
     values = -np.stack([np.full(a.size, X0C), np.full(a.size, Y0A), np.full(a.size, Z0A)], axis=1)
+    values = values - np.stack(turned(beside, a, c), axis=1)  # and so does a ball beside its place
     values = sign * values[:, list(order)]
     values = values + noise * np.random.default_rng(5).normal(size=values.shape)
     values[:, list(unread)] = np.nan
-    return ReadingSet(Nest(ball=ball), q, values, unknown=("ball",), name="ball 1")
+    return ReadingSet(Nest(ball=ball), q, values, unknown=("ball",), name=name)
 
 
 def found_of(one, **options):
@@ -72,3 +85,77 @@ def test_readings_in_millimetres_are_refused_with_the_key_of_a_file():
     one = set_of()
     with pytest.raises(UnitError, match=r"check the unit of the column.*total = true in a file"):
         ReadingSet(Nest(ball=BALL), one.q, np.asarray(one.values) * 1e3 + 5.0)
+
+
+# ---- channels that changed places or sign ---------------------------------------------------------
+
+BESIDE = (31 * UM, -17 * UM, 44 * UM)
+"""By how much a ball stands beside its place: of it each channel shows something else at each pose."""
+
+
+def said_of(sets):
+    found = calibrate(presets("five_axis", pivot_height=PIVOT), sets, terms=TERMS)
+    return found, [m for m in found.messages if "would fall from" in m]
+
+
+@pytest.mark.parametrize(
+    ("order", "sign", "words"),
+    [
+        ((1, 0, 2), (1, 1, 1), "with reading_x and reading_y exchanged what"),
+        ((0, 2, 1), (1, 1, 1), "with reading_y and reading_z exchanged what"),
+        ((2, 1, 0), (1, 1, 1), "with reading_x and reading_z exchanged what"),
+        ((0, 1, 2), (1, -1, 1), "with the sign of reading_y turned what"),
+        ((0, 1, 2), (1, 1, -1), "with the sign of reading_z turned what"),
+        ((1, 0, 2), (1, -1, 1), "with reading_x and reading_y exchanged, then the sign of reading_x turned what"),
+        ((1, 2, 0), (1, 1, 1), "reading_x taken from reading_z, reading_y taken from reading_x, reading_z taken from reading_y what"),
+    ],
+)  # fmt: skip
+def test_channels_that_changed_places_or_sign_are_named(order, sign, words):
+    _, said = said_of([set_of(order=order, sign=np.array(sign), beside=BESIDE)])
+    assert len(said) == 1
+    assert said[0].startswith("ball 1: ")
+    assert words in said[0]
+
+
+def test_the_set_that_changed_is_named_and_not_the_others():
+    other = set_of(ball=None, beside=(-25 * UM, 40 * UM, 12 * UM), name="ball 2")
+    _, said = said_of([set_of(order=(1, 0, 2), beside=BESIDE), other])
+    assert len(said) == 1
+    assert said[0].startswith("ball 1: ")
+
+
+def test_all_sets_of_one_wrong_wiring_are_named_together():
+    sets = [
+        set_of(order=(0, 2, 1), beside=BESIDE),
+        set_of(order=(0, 2, 1), beside=(-25 * UM, 40 * UM, 12 * UM), name="ball 2"),
+    ]
+    _, said = said_of(sets)
+    assert len(said) == 1
+    assert said[0].startswith("ball 1, ball 2: ")
+    assert "reading_y and reading_z exchanged" in said[0]
+
+
+def test_the_remedy_that_is_named_brings_the_lines_back():
+    wrong = set_of(order=(1, 0, 2), sign=np.array((1, -1, 1)), beside=BESIDE)
+    values = np.asarray(wrong.values)[:, [1, 0, 2]] * (-1, 1, 1)  # exchanged, then x turned
+    found, said = said_of([dataclasses.replace(wrong, values=values)])
+    assert said == []
+    for term, true in (("Y0A", Y0A), ("Z0A", Z0A), ("X0C", X0C)):
+        assert found[term].value == pytest.approx(true, abs=0.1 * UM)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_readings_in_their_places_are_not_called_exchanged(seed):
+    """Also with three readings that are far off, and drift beside the noise."""
+    rng = np.random.default_rng([seed, 88])
+    one = set_of(beside=BESIDE, noise=0.0)
+    values = np.asarray(one.values) + 0.3 * UM * rng.normal(size=(72, 3))
+    values = values + np.cumsum(0.2 * UM * rng.normal(size=(72, 3)), axis=0)
+    values[rng.choice(72, 3, replace=False)] += 40 * UM
+    assert said_of([dataclasses.replace(one, values=values)])[1] == []
+
+
+def test_a_refusal_by_the_stated_noise_says_it_too():
+    wrong = dataclasses.replace(set_of(order=(1, 0, 2), beside=BESIDE), u=0.1 * UM)
+    with pytest.raises(DataError, match=r"contradicts .* reading_x and reading_y exchanged"):
+        calibrate(presets("five_axis", pivot_height=PIVOT), [wrong], terms=TERMS, robust=False)

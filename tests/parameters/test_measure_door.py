@@ -8,6 +8,8 @@ from click.testing import CliRunner
 
 from metrosep.cli.main import cli
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 DIGITS = 1e-9
 """Relative: heights are written with 12 digits, sums of 10 000 samples round below."""
 

@@ -14,6 +14,8 @@ from click.testing import CliRunner
 import metrosep as ms
 from metrosep.cli.main import cli
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 PROFILES = {
     "st/mitutoyo_2_mock.xlsx": (None, 4, ["--kind", "R", "--sections", "4"]),
     "upm/1023-WLI-2D.csv": (80e-6, 10, ["--form", "plane", "--lambda-c", "80 um"]),

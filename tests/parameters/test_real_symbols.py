@@ -14,6 +14,8 @@ from scipy.special import erf
 import metrosep as ms
 from metrosep.cli.main import cli
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 MAPS = ("al3d-1.al3d", "opd-1.opd", "x3p-2.x3p")
 """Whole and small; with voids; with unequal steps."""
 WITHIN = 0.02

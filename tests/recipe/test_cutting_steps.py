@@ -57,6 +57,14 @@ def budget(tmp_path_factory):
     return (*ran(folder, "budget.toml"), folder)
 
 
+@pytest.fixture(scope="module")
+def wrongly_set(tmp_path_factory):
+    """The budget with the sign of the setting turned; its table of causes adds up as well."""
+    folder = tmp_path_factory.mktemp("wrongly_set")
+    turned = ran(folder, "budget.toml", lambda t: t.replace('dx = "1.5 um"', 'dx = "-1.5 um"'))
+    return (*turned, folder)
+
+
 @pytest.mark.slow
 def test_the_part_shows_what_is_in_it_and_not_the_log_of_another_day(budget):
     code, found, document, _ = budget
@@ -70,23 +78,27 @@ def test_the_part_shows_what_is_in_it_and_not_the_log_of_another_day(budget):
     assert any("least-squares circle was taken off" in m for m in document["messages"])
 
 
-def test_the_table_of_causes_adds_up_to_the_full_cut(budget):
-    *_, folder = budget
+def test_the_table_of_causes_adds_up_to_the_full_cut(wrongly_set):
+    *_, folder = wrongly_set
     table = pd.read_csv(folder / "out" / "causes.csv", comment="#")
     names = ["program_m", "tool_m", "tool_setting_m", "follow-up_m"]
     whole = table[names].sum(axis=1) - table["sum_m"]
     assert float(np.abs(whole).max()) < 1e-13
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "name"),
-    [
-        ('dx = "1.5 um"', 'dx = "-1.5 um"', "tool setting"),
-        pytest.param('"outwards"', '"inwards"', "tool", marks=pytest.mark.slow),
-    ],
-)
-def test_a_wrong_sign_is_not_shown(tmp_path, old, new, name):
-    code, found, _ = ran(tmp_path, "budget.toml", lambda t: t.replace(old, new))
+def test_a_wrong_sign_of_the_setting_is_not_shown(wrongly_set):
+    is_not_shown(wrongly_set, "tool setting")
+
+
+@pytest.mark.slow
+def test_a_wrong_sign_of_the_edge_is_not_shown(tmp_path):
+    is_not_shown(
+        ran(tmp_path, "budget.toml", lambda t: t.replace('"outwards"', '"inwards"')), "tool"
+    )
+
+
+def is_not_shown(done, name):
+    code, found, *_ = done
     assert code == 0
     amount, u = (found[f"shown.{name}"][k] for k in ("value", "u"))
     assert abs(amount - 1) > 6 * u

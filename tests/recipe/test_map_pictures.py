@@ -22,6 +22,10 @@ DIGITS = 6e-9
 """Relative to 1 nm: half of the last printed digit of the expected values (9 digits)."""
 
 
+DRAWN = True
+"""The pages are looked at."""
+
+
 def first_map():
     """A wavy map with one pixel 1.2 um high and a hole at a rim."""
     j, i = np.mgrid[0:480, 0:640]

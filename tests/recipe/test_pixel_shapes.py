@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.core.errors import DataError, RecipeError
+from metrosep.core.errors import DataError, MetrosepError, RecipeError
+from metrosep.recipe.pipeline import run_steps
 
 NM, UM = 1e-9, 1e-6
 SHAPE = (41, 67)
@@ -297,19 +298,42 @@ def test_px_of_a_form_a_filter_or_a_profile_are_refused(tmp_path):
         profile.step_height(width="20 px", middle="40 px")
 
 
+def test_px_keep_their_unit_in_every_record_of_what_was_done(part, command_line):
+    """A number in a result or a history is in SI: a width of 20 px was one of 20 m there."""
+    step = '[[step]]\nop = "step_height"\nwidth = "20 px"\nmiddle = "30 px"\n'
+    document = measured(part, step, command_line)
+    done = next(s for s in document["provenance"] if s["step"] == "step_height")
+    assert done["parameters"] == {"width": "20 px", "middle": "30 px"}
+    stage = run_steps(
+        ms.Surface(heights()), [{"op": "step_height", "width": "20 px", "middle": "30 px"}]
+    )
+    assert stage[0].history[0].parameters == {"width": "20 px", "middle": "30 px"}
+
+
 def test_pixels_behind_a_filter_that_cuts_the_rim_off_are_refused():
     cut = '[[step]]\nop = "filter"\ncutoff = "20 um"\nend = "cut"\n'
     mask = f'[[step]]\nop = "mask"\naperture = {{ {MASKS["circle"][0]} }}\n'
+    from metrosep.recipe.pipeline_run import measure_object
     from metrosep.recipe.preflight import limit_errors
 
+    surface = ms.Surface(heights(), 4 * UM, 5 * UM)
+
     def errors(*parts):
-        return [str(e) for e in limit_errors(ms.Recipe.parse(HEAD + "".join(parts)))]
+        recipe = ms.Recipe.parse(HEAD + "".join(parts))
+        try:
+            measure_object(recipe, surface)
+        except MetrosepError as exc:
+            return [str(exc), *map(str, limit_errors(recipe))]
+        return list(map(str, limit_errors(recipe)))
 
     assert errors(mask, cut, SIZE) == []
+    off = cut + "enabled = false\n"
+    assert errors(off, mask, SIZE) == []
     for text in ((cut, mask, SIZE), (cut, SIZE, SECTIONS)):
-        assert (
-            "px are pixels of the map as it was read, and step 1 (filter) cuts" in errors(*text)[0]
-        )
+        one, two, *_ = errors(*text)  # of Python, of `metrosep run` and `check`
+        assert one.split(": ")[0] == two.split(": ")[0]  # file and line
+        for said in (one, two):
+            assert "px are pixels of the map as it was read, and step 1 (filter) cuts" in said
 
 
 def test_a_plane_is_removed_over_pixels_and_says_nothing_of_its_inclination(
@@ -330,9 +354,56 @@ def test_a_plane_is_removed_over_pixels_and_says_nothing_of_its_inclination(
     assert found.keys() == {"Sq", "residual.pv", "residual.rms"}  # no tilt in rad
     assert any("its inclination is not known" in m for m in document["messages"])
     assert not any("No form removal" in m for m in document["messages"])
-    done = command_line(tmp_path, "form", "part.h5", "--form", "plane")
-    assert "the surface has no lateral step" in done.stderr
+    done = command_line(tmp_path, "form", "part.h5", "--residual", "left.h5")
+    assert done.returncode == 0, done.stderr
+    assert "inclination is not known" in done.stdout
+    assert np.nanmax(np.abs(ms.read(tmp_path / "left.h5").z[known] - left)) <= EXACT
+    done = command_line(tmp_path, "form", "part.h5", "--json")
+    summary = json.loads(done.stdout)
+    assert summary["rms_nm"] == pytest.approx(left.std() / NM, abs=EXACT / NM)
+    assert (summary["parameters"], summary["over"]) == ({}, "px")
+    done = command_line(tmp_path, "form", "part.h5", "--form", "sphere: R=50 mm")
+    assert done.returncode == 2
+    assert "only a plane or a polynomial can be taken off without one" in done.stderr
     assert "--lateral-step" in done.stderr
+
+
+POLYNOMIALS = ("plane", "polynomial: degree=3", "polynomial: degree=2, basis=legendre")
+
+
+@pytest.mark.parametrize("form", POLYNOMIALS)
+def test_what_a_plane_or_a_polynomial_leaves_is_that_of_the_scaled_map(form):
+    rng = np.random.default_rng(4)
+    z = (4.0 * COLUMN - 9.0 * ROW + 1e-2 * ROW * COLUMN + rng.standard_normal(SHAPE)) * NM
+    z[5:9, 50:] = np.nan
+    plain, scaled = ms.Surface(z), ms.Surface(z, 2 * UM, 3 * UM)
+    for removed in (lambda s: s.remove_form(form), lambda s: ms.forms.remove(s, form)):
+        left = removed(plain)
+        assert (left.dx, left.dy) == (None, None)
+        assert np.nanmax(np.abs(left.z - removed(scaled).z)) <= EXACT
+        step = left.history[-1]
+        assert step.parameters["over"] == "px"
+        assert not {"c_1_0", "tilt_x"} & set(step.parameters)  # no value per metre
+    assert np.nanmax(np.abs(plain.level().z - scaled.level().z)) <= EXACT
+
+
+@pytest.mark.parametrize(
+    ("form", "options", "said"),
+    [
+        ("sphere: R=1 m", {}, "only a plane or a polynomial can be taken off without one"),
+        ("plane", {"direction": "normal"}, 'take "vertical"'),
+        ("plane", {"centre": (1e-3, 0.0)}, "centre is a length, and the file does not say"),
+        ("polynomial: degree=2", {"tilt": "rotation"}, 'take tilt "plane"'),
+        (
+            "polynomial: degree=2",
+            {"fixed": {"c_2_0": 3.0}},
+            "c_2_0 is fixed at a value other than",
+        ),
+    ],
+)
+def test_a_form_that_needs_a_scale_says_so_where_there_is_none(form, options, said):
+    with pytest.raises(DataError, match=said):
+        ms.Surface(7.0 * NM * ROW + 0.0 * COLUMN).remove_form(form, **options)
 
 
 def test_an_angle_is_not_held_where_pixels_have_no_size(tmp_path, command_line):
@@ -347,7 +418,9 @@ def test_an_angle_is_not_held_where_pixels_have_no_size(tmp_path, command_line):
     (tmp_path / "r.toml").write_text(text.format("1 urad"))
     done = command_line(tmp_path, "run", "r.toml", "part.h5", "-o", "out")
     assert done.returncode == 2
-    assert "fix holds tilt_x, an angle, and the file does not say" in " ".join(done.stderr.split())
+    assert "tilt_x is fixed at an angle other than zero, and the file does not say" in " ".join(
+        done.stderr.split()
+    )
 
     (tmp_path / "r.toml").write_text(text.format("0 rad"))
     done = command_line(tmp_path, "run", "r.toml", "part.h5", "-o", "out")

@@ -16,6 +16,8 @@ from metrosep.cli.main import main
 from metrosep.errors import InvalidSamplesError
 from metrosep.separation import separate
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 RATE, TRAVEL, MODE = 800.0, 52.0, 120.0
 FEEDS = (55.0, 55.0, 90.0, 90.0, 135.0, 135.0)
 WAVES = ((13.0, 240.0, 0.4), (6.5, 80.0, 2.1), (71.0, 260.0, 5.0))  # mm, nm, rad
@@ -125,7 +127,7 @@ def hms(s):
         (jittered(0.05), lambda s: f"{s:.6f}", r"5(\.\d)? % jitter of the clock \(run \d\): fitted"),
         (jittered(0.2), lambda s: f"{s:.6f}", r"2\d % jitter of the clock"),
         pytest.param(half_a_sample, lambda s: f"{s:.6f}", r"(29|30) % jitter of the clock", marks=pytest.mark.slow),
-        (rounded(1e-3), lambda s: f"{s:.3f}", r"2\d % jitter of the clock"),
+        pytest.param(rounded(1e-3), lambda s: f"{s:.3f}", r"2\d % jitter of the clock", marks=pytest.mark.slow),
         (lambda rng, t, run: t + 1.764e9, lambda s: f"{s:.6f}", None),
         pytest.param(in_float32(45_000.0), lambda s: f"{s:.5f}", r"up to \d samples share a time stamp", marks=pytest.mark.slow),
         (in_blocks(16), lambda s: f"{s:.6f}", r"up to 16 samples share a time stamp"),

@@ -15,6 +15,8 @@ from metrosep.cli.main import main
 from metrosep.errors import InvalidSamplesError
 from metrosep.separation import separate as separate_runs
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 SHORTEST = 1.5e-3
 """The shortest wave of these shops is longer than 3 mm; the harmonics below cost most of the time of a joint estimate."""
 

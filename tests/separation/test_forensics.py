@@ -17,6 +17,8 @@ from metrosep.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.separation import separate as separate_runs
 from metrosep.separation.runs.base import ErrorEstimate
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 SHORTEST = 1.5e-3
 """The shortest wave of these axes is 3 mm or longer; the harmonics below cost most of the time of a joint estimate."""
 
@@ -319,6 +321,36 @@ def test_a_short_standstill_is_named_with_place_and_size():
     assert any(
         re.search(r"run r5 repeats \S+ nm 13 times from 35.6", m) for m in estimate.messages
     )
+
+
+def test_a_jump_that_is_small_beside_the_error_is_named_with_place_and_size():
+    def jump(z):
+        z[320:] += 900.0  # nm, at 38 mm of an error of 1.5 um RMS: 4 % of its power
+        return z
+
+    large = {w: 5.0 * a for w, a in WAVES.items()}
+    row = separate(spoilt(at(5, jump), waves=large), method="mean").runs.iloc[5]
+
+    assert re.match(r"jumps by (8|9)\d\d(\.\d+)? nm at 3(7|8)", row["finding"])
+    assert row["at_mm"] == pytest.approx(38.0, abs=1.0)
+    assert row["size_nm"] == pytest.approx(900.0, abs=100.0)
+
+
+@pytest.mark.parametrize("height", [1500.0, -600.0])
+def test_a_run_that_drifts_is_said_to_bend(height):
+    """A parabola was called a jump, with a place where there is none."""
+
+    def bend(z):
+        return z + height * np.linspace(-1.0, 1.0, z.size) ** 2
+
+    estimate = separate(spoilt(at(0, bend)), method="mean")
+    row = estimate.runs.iloc[0]
+
+    assert row["finding"].startswith("bends by")
+    assert row["size_nm"] == pytest.approx(height, abs=0.15 * abs(height))
+    assert math.isnan(row["at_mm"])
+    assert not estimate.runs["finding"][1:].any()
+    assert any("drift=2" in m for m in estimate.messages if m.startswith("run r1 bends"))
 
 
 def test_table_of_runs_says_where_a_spike_is_and_how_large():

@@ -14,6 +14,8 @@ from metrosep.cli.main import main
 from metrosep.core.errors import DataError
 from metrosep.separation import separate
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 MM, NM = 1e-3, 1e-9
 OFFSETS = (2000.0, -1500.0, 700.0, -900.0)
 SLOPES = (10.0, -15.0, 4.0, 20.0)  # nm/mm

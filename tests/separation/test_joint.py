@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from acceptance.coverage.judge import metrosep_joint
+from acceptance.coverage.machine import Machine, Mode, simulate
 
 from metrosep import Run, RunSet
 from metrosep.errors import DegenerateFitError, NotSeparableError, UnitError
@@ -180,6 +182,65 @@ def test_lag_is_found_with_its_sign(contract_machine, as_runset):
         assert estimate.lag == pytest.approx(lag, abs=0.4e-3)
         assert abs(estimate.lag - lag) < 4 * estimate.lag_sd
         assert machine.rms_nm(estimate) <= 11.0 * NM
+
+
+@pytest.mark.parametrize(
+    ("delay", "waves"),
+    [(9e-3, ((31.0, 400.0), (9.7, 120.0), (5.1, 150.0))), (20e-3, ((31.0, 60.0), (17.0, 40.0)))],
+)
+def test_a_long_lag_of_a_slow_machine_is_corrected_whole(delay, waves):
+    """9 ms was averaged with none at a weight of 0.60; 20 ms (u above 1 ms) was said to be corrected.
+
+    A logger of 60 Hz at 500 to 1400 mm/min; lengths in mm, nm, as its file has them.
+    """
+    slow = Machine(
+        travel_mm=106.0,
+        feeds_mm_s=(8.4, 14.1, 23.2),
+        rate_hz=60.0,
+        waves=(*waves, (88.0, 300.0)),
+        modes=(Mode(21.0, 0.03, 60.0),),
+        white_nm=15.0,
+        delay_s=delay,
+    )
+    estimate = metrosep_joint(simulate(slow, 71).runs)
+
+    test = estimate.audit["lag_test"]
+    assert test["fitted"]
+    assert test["probability"] > 0.99
+    assert abs(estimate.lag - delay) < 4.0 * estimate.lag_sd
+    assert estimate.lag_sd < 0.2 * delay
+    said = [m for m in estimate.messages if m.startswith("readings lag the position")]
+    assert len(said) == 1
+    assert "corrected" in said[0]
+
+
+def test_a_slip_that_long_runs_resolve_is_in_the_band():
+    """Balls that slip at the length of a real wave: 104 nm of error in a band of 8 nm.
+
+    The noise model took the slip for a line at each of the three feedrates, and the real wave with it.
+    """
+    slow = Machine(
+        travel_mm=106.0,
+        feeds_mm_s=(8.4, 14.1, 23.2),
+        rate_hz=60.0,
+        waves=((31.0, 400.0), (88.0, 600.0), (5.1, 150.0), (9.7, 120.0)),
+        modes=(Mode(21.0, 0.03, 60.0),),
+        white_nm=15.0,
+        slip=((9.7, 160.0),),
+    )
+    measured = simulate(slow, 73)
+    estimate = metrosep_joint(measured.runs)
+
+    at = np.linspace(1.0, 105.0, 401)
+    error = estimate.evaluate(at * 1e-3) * 1e9 - measured.truths[1](at)
+    error -= np.polynomial.Polynomial.fit(at, error, 1)(at)
+    band = 1e9 * estimate.sd(at * 1e-3)
+    assert np.mean(np.abs(error) < 2.0 * band) > 0.9
+    assert np.sqrt(np.mean(band**2)) > 0.5 * 38.0  # it was 8 nm
+    assert np.std(error) < 3.0 * 38.0  # 160 nm / sqrt(2) / 3: what nine phases leave in the mean
+    said = [m for m in estimate.messages if "another phase in each run" in m]
+    assert len(said) == 1
+    assert "which the uncertainty holds" in said[0]
 
 
 def test_stated_lag_is_used_and_the_wrong_sign_hurts(contract_machine, as_runset):

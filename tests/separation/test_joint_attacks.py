@@ -92,8 +92,38 @@ def test_a_wavelength_must_be_positive(waves):
 def test_a_wavelength_that_is_not_looked_for_is_named():
     """The travel is 50 mm, the shortest wave 2.5 pitches of 0.32 mm, which its neighbours hold."""
     told = [m for m in separate(runs_of(), waves=[0.2, 12e-3, 1e-5]).messages if "waves " in m]
+    assert len(told) == 2
+    assert told[0].startswith(
+        "waves 200 mm: not looked for, since they are longer than the travel"
+    )
+    assert told[1].startswith("waves 10 um: not looked for, since only waves from ")
+    assert "the samples of the fastest run are 320 um apart and do not show them" in told[1]
+
+
+def test_what_a_wave_below_two_pitches_reads_as_is_said():
+    """Triggered every 0.5 mm at both feedrates: a wave of 0.7 mm is one of 1.75 mm to all runs."""
+    x = np.arange(0.0, 40.01, 0.5)
+    rng = np.random.default_rng(5)
+    wave = 80.0 * np.cos(2 * math.pi * x / 0.7)
+    np.testing.assert_allclose(wave, 80.0 * np.cos(2 * math.pi * x / 1.75), rtol=0.0, atol=1e-9)
+    runs = RunSet(
+        [
+            Run(
+                x * 1e-3,
+                (wave + rng.normal(0.0, 5.0, x.size)) * 1e-9,
+                t=x / v,
+                feed=v * 1e-3,
+                run_id=f"{v:g}-{k}",
+            )
+            for v in (10.0, 23.0)
+            for k in range(2)
+        ]
+    )
+
+    told = [m for m in separate(runs, waves=[0.7e-3, 8e-3]).messages if "one pitch of" in m]
+
     assert len(told) == 1
-    assert "200 mm, 10 um: not looked for" in told[0]
+    assert "a wave below two pitches reads as a longer one (700 um as 1.75 mm)" in told[0]
 
 
 def test_one_wavelength_needs_no_list():

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from acceptance.coverage.machine import Mode, oscillator
 from scipy.fft import dct
+from scipy.integrate import quad
 from scipy.signal import lfilter
-from scipy.stats import invgamma, norm, t as student
+from scipy.stats import cauchy, invgamma, norm, t as student
 
 from metrosep.core.errors import DegenerateFitError
 from metrosep.separation.runs.geometry import Extension, Sensor, Spectrum, filtered
@@ -26,7 +28,7 @@ from metrosep.separation.runs.noise import (
     level_spread,
 )
 from metrosep.separation.runs.posterior import Model, RunEquations, Wave, averaged
-from metrosep.separation.runs.sensor import LAG_PRIOR, chance_of_lag, lag_score
+from metrosep.separation.runs.sensor import LAG_PRIOR, chance_of_lag, lag_score, likely_lag
 from metrosep.separation.runs.waves import _scores, find_slip
 
 DT, SPEEDS, SIZES, K = 0.004, (80.0, 120.0, 160.0), (76, 51, 39), 6
@@ -263,12 +265,40 @@ def test_a_lag_of_displaced_runs_is_as_likely_as_student_says(t):
     scale = math.sqrt(model.lag_variance * 4.0 / 6.0)  # of t: the mean variance is 6/4 of it
     lag = t * scale
     # a lag of the machine beside what the displacement is: the sum of both, by steps
-    grid = np.linspace(-6.0, 6.0, 4001) * LAG_PRIOR
-    with_lag = norm.pdf(grid, scale=LAG_PRIOR) * student.pdf((lag - grid) / scale, 6) / scale
+    grid = lag + np.linspace(-60.0, 60.0, 40_001) * scale
+    with_lag = cauchy.pdf(grid, scale=LAG_PRIOR) * student.pdf((lag - grid) / scale, 6) / scale
     some = with_lag.sum() * (grid[1] - grid[0])
     none = student.pdf(t, 6) / scale
     p = chance_of_lag(lag, 1e-14, displaced=model.lag_variances)
     assert p == pytest.approx(some / (some + none), abs=2e-3)
+
+
+def read_with_a_lag(lag, u):
+    """Density of a lag that is read with u, where the machine has one: an integral by steps."""
+
+    def both(angle):  # lag = LAG_PRIOR tan(angle) is even in the angle
+        return norm.pdf(lag, loc=LAG_PRIOR * math.tan(angle), scale=u) / math.pi
+
+    edge = 0.5 * math.pi
+    parts = sorted({-edge, math.atan(lag / LAG_PRIOR), edge, 1.5, -1.5, 1.57, -1.57})
+    return sum(quad(both, a, b, epsabs=1e-12, limit=200)[0] for a, b in pairwise(parts))
+
+
+@pytest.mark.parametrize(("read", "u"), [(0.3e-3, 0.9e-3), (-2.5e-3, 0.9e-3), (9e-3, 0.3e-3)])
+def test_a_lag_is_drawn_to_none_as_far_as_it_is_not_known(read, u):
+    """Mean and variance by draws of the prior, weighed by what is read; a long lag stays."""
+    drawn = LAG_PRIOR * np.tan(math.pi * (np.arange(2_000_000) + 0.5) / 2_000_000 - 0.5 * math.pi)
+    weight = np.exp(-0.5 * ((drawn - read) / u) ** 2)
+    weight /= weight.sum()
+    mean = float(weight @ drawn)
+
+    found, variance = likely_lag(read, u**2, LAG_PRIOR)
+
+    assert found == pytest.approx(mean, abs=2e-3 * u)
+    assert math.sqrt(variance) == pytest.approx(
+        math.sqrt(float(weight @ (drawn - mean) ** 2)), abs=5e-3 * u
+    )
+    assert likely_lag(read, u**2, 0.0) == (read, u**2)  # lag="fit" takes what is read
 
 
 def test_the_chance_of_a_lag_holds_where_the_runs_lie_far_apart():
@@ -276,9 +306,8 @@ def test_the_chance_of_a_lag_holds_where_the_runs_lie_far_apart():
     sizes = np.array([0.0, 2.0]), np.array([0.5, 0.5])
     for lag in (0.0, 3e-9, 1e-3):
         few = norm.pdf(lag, scale=math.sqrt(1e-17)) + norm.pdf(lag, scale=math.sqrt(2.0))
-        some = norm.pdf(lag, scale=LAG_PRIOR) + norm.pdf(
-            lag, scale=math.hypot(LAG_PRIOR, math.sqrt(2.0))
-        )
+        # beside the lag the first variance is nothing, and beside the second the lag is
+        some = cauchy.pdf(lag, scale=LAG_PRIOR) + read_with_a_lag(lag, math.sqrt(2.0))
         p = chance_of_lag(lag, 1e-17, displaced=sizes)
         assert p == pytest.approx(some / (some + few), abs=1e-9)
 

@@ -18,6 +18,8 @@ from metrosep.recipe import Recipe
 from metrosep.separation import LaserSetup, iso230_2, laser_positions
 from metrosep.separation.positions.positioning import positions_from_columns
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 PM = 1e-12
 NM = 1e-9
 ROUNDING = 1e-14
@@ -694,9 +696,11 @@ def test_the_zero_may_lie_anywhere_on_the_axis(away):
 def test_readings_that_are_not_those_of_the_positions_are_refused():
     x = np.array([0.0, 0.1, 0.2])
     setup = LaserSetup(software="vacuum", **AIR)
-    for wrong in (-x, x * 1e3, x + 0.5):
+    for wrong in (-x, x * 900.0, x + 0.5):
         with pytest.raises(MetrosepError, match="from its position; check the units"):
             laser_positions(x, wrong, setup=setup)
+    with pytest.raises(MetrosepError, match=r"the unit of a column is wrong \(mm and um\)"):
+        laser_positions(x, x * 1e3, setup=setup)
     with pytest.raises(MetrosepError, match="2 readings for 3 positions"):
         laser_positions(x, [0.0, 0.1], setup=setup)
     with pytest.raises(MetrosepError, match="finite"):

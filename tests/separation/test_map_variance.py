@@ -20,8 +20,19 @@ GRIDS = {
 }
 
 
-@pytest.mark.parametrize("case", GRIDS)
-@pytest.mark.parametrize("offset", [0.0, 0.4])
+AT_AN_ANGLE = ("even, 5 steps", "off centre")
+
+
+@pytest.mark.parametrize(
+    ("case", "offset"),
+    [
+        *((case, 0.0) for case in GRIDS),
+        *(
+            pytest.param(case, 0.4, marks=() if case in AT_AN_ANGLE else pytest.mark.slow)
+            for case in GRIDS
+        ),
+    ],
+)
 def test_variance_is_the_sum_of_squares_of_all_weights(case, offset):
     """One impulse after another through the sums that the methods make."""
     grid, n, flip = GRIDS[case]

@@ -18,6 +18,8 @@ from metrosep.separation import ErrorEstimate, separate
 from metrosep.separation.runs.evidence import explain_displacement
 from metrosep.separation.runs.leave_out import Displacement, RunScore, displacement
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 MOVED = np.array([0.0, 0.6, 0.0, -0.2, 0.0, 0.0])
 FEEDS = (80.0, 80.0, 120.0, 120.0, 160.0, 160.0)
 NOISE, TRAVEL, STEP = 20.0, 40.0, 4e-3

@@ -18,7 +18,7 @@ from metrosep.separation import (
     straightedge_reversal,
 )
 
-pytestmark = pytest.mark.usefixtures("separations_once")
+pytestmark = pytest.mark.usefixtures("separations_once", "without_figures")
 
 PM = 1e-12
 EDGE = 80 * NM * np.exp(-(((X - 12e-3) / 4e-3) ** 2))

@@ -65,7 +65,7 @@ const tree = makeTree(el("steps"), {
 });
 const views = makeViews({
   wire, level: () => ladder.level, stage: () => tree.chosen, kind: () => session.kind ?? "none", failed: fail,
-  judged: () => shownStep()?.op === "psd", shown: memory.put, learn: (header) => drawing.learn(header), reached: (failed) => drawStage(failed), lines: () => drawing.lines(),
+  judged: () => shownStep()?.op === "psd", shown: memory.put, learn: (header) => drawing.learn(header), reached: drawStage, lines: () => drawing.lines(),
   insert: (step, label) => tree.insert(step, label),
   grooved: ({ index, ...lengths }) => edit(Object.entries(lengths).map(([key, value]) => ({ path: ["step", index, key], old: session.steps[index].keys[key], new: written(value) })), "move the groove"),
 });
@@ -217,7 +217,7 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
   views.profile.put({ groove: grooveOf(session.steps, tree.chosen) });
   if (changed) metrics.stale();
   metrics.show(session);
-  drawStage();
+  if (!changed || isNewFile) drawStage(); // else with the picture: until then it is the one before
   tabs.changed(isNewFile, isNewFile ? session.view?.tab : undefined);
   if (!changed || !session.kind) return;
   drawFull("busy", "full resolution…"); // as the verdict waits for it

@@ -28,13 +28,18 @@ export function makeHeadline({ session, stage, notes }) {
     drawMessages();
   }
 
-  /** What the picture shows. @param {number | null} [failed] the step that could not be run: the picture is of what came before */
-  function drawStage(failed = null) {
+  /**
+   * What the picture shows.
+   * @param {number | null} [failed] the step that could not be run: the picture is of what came before
+   * @param {number | null} [done] so many steps were carried out: the picture of a large map, while a hand moves
+   */
+  function drawStage(failed = null, done = null) {
     const op = (/** @type {number} */ k) => session().steps?.[k]?.op ?? "";
     const after = (/** @type {number} */ k) => (k < 0 ? "as measured" : `after step ${k + 1}, ${op(k)}`);
     const i = stage();
-    const lost = failed !== null && (i === -1 || i >= failed);
-    const words = lost ? `${after(failed - 1)}: step ${failed + 1}, ${op(failed)}, failed` : i === -1 ? "after all steps" : after(i);
+    const at = failed ?? done;
+    const before = at !== null && (i === -1 || i >= at);
+    const words = before ? `${after(at - 1)}: step ${at + 1}, ${op(at)}, ${failed === null ? "follows" : "failed"}` : i === -1 ? "after all steps" : after(i);
     el("map-stage").textContent = words;
     el("profile-stage").textContent = words;
   }

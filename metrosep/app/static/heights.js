@@ -68,6 +68,7 @@ function render({ model, el }) {
     words.textContent = model.get("message") ?? "";
     [edges, shares, heights, curve] = ["edges", "shares", "heights", "curve"].map((name) => [...typed(model.get(name), Float64Array) ?? []]);
     plot.put([heights, curve.map((v) => 100 * v)]);
+    plot.u.root.style.visibility = heights.length ? "" : "hidden"; // axes without heights mean nothing
     tell();
   }
 

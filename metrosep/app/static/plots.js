@@ -244,7 +244,7 @@ export function makePlot(el, options) {
       ? { x: { time: false, distr: 3, range: decades }, y: { distr: 3, range: (/** @type {any} */ _u, /** @type {number} */ a, /** @type {number} */ b) => decades(_u, Math.max(a / 1.5, b * LEAST), b * 1.5) } }
       : { x: { time: false, range: (/** @type {any} */ _u, /** @type {number} */ a, /** @type {number} */ b) => (a === b ? [a - 1, b + 1] : [a, b]) } },
     axes: log
-      ? [axis({ values: logarithmic(xUnit), size: 34, ...decimal(inInches() ? 230 : 150, 56, xUnit) }), axis({ values: logarithmic(yUnit), size: 62, ...decimal(60, 16, yUnit) })]
+      ? [axis({ values: logarithmic(xUnit), size: 34, ...decimal(inInches() ? 230 : 180, 56, xUnit) }), axis({ values: logarithmic(yUnit), size: 62, ...decimal(60, 16, yUnit) })]
       : [axis({ values: linear(foot, "x", xUnit), size: 34, space: 60, ...round(xUnit) }), axis({ values: linear(corner, "y", yUnit), size: 56, space: 30, ...round(yUnit) })],
     series: [{}, ...series.map((one) => ({ points: { show: false }, spanGaps: false, ...one }))],
     bands,

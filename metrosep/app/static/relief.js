@@ -302,6 +302,8 @@ export function makeRelief(el, { table, lines, lit = () => {}, stretched = () =>
       wish();
     },
     wish,
+    /** What is said below it, until the next picture. @param {string} text */
+    say: (text) => void (words.textContent = text),
     /** Another table of colours. */
     paint() {
       load();

@@ -34,7 +34,7 @@ import { makeModel, Refusal, Superseded } from "./wire.js";
  * @param {(view: Dict) => void} options.shown told what is to be remembered of the view
  * @param {() => number[][]} options.lines ends of sections
  * @param {(step: Dict, label: string) => void} options.insert a step
- * @param {(failed: number | null) => void} options.reached told which step failed before what is shown
+ * @param {(failed: number | null, done: number | null) => void} options.reached told which step failed before what is shown, or how many were carried out so far
  * @param {(groove: import("./profile.js").Groove) => void} options.grooved the groove of a step height was moved on a profile
  * @param {(header: Dict) => void} options.learn told what a picture of the map says of it
  */
@@ -124,7 +124,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       });
       if (String(map.get("extent")) !== String(header.extent)) map.put({ extent: header.extent });
       learn(header);
-      reached(header.failed);
+      reached(header.failed, header.done);
       counted("map");
     } catch (error) {
       refused(error, (text) => {
@@ -190,6 +190,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
 
   function drawLower() {
     for (const option of choice.options) option.hidden = kind() !== "map" && ["waves2d", "polar"].includes(option.value);
+    choice.options[0].text = kind() === "map" ? "waves along the section" : "waves along the profile";
     for (const id of ["heights", "waves2d", "polar"]) el(id).hidden = lower() !== id;
     for (const id of ["spectrum", "density"]) el(id).hidden = lower() !== "line" || (id === "density") !== judged();
     el("spectrum-of").hidden = lower() !== "line";
@@ -274,7 +275,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown, lea
       });
       if (mine !== epoch) return;
       const one = (/** @type {string} */ name) => ({ x: arrays[`${name}_x`], low: arrays[`${name}_low`], high: arrays[`${name}_high`] });
-      reached(header.failed);
+      reached(header.failed, header.done);
       profile.put({ is_preview: header.is_preview, message: "", extent: header.extent, series: { measured: one("measured"), residual: one("residual") } });
     } catch (error) {
       refused(error, (text) => profile.put({ series: {}, message: text }));

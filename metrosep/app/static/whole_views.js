@@ -18,6 +18,9 @@ import { makeRelief } from "./relief.js";
  * @property {(error: unknown, show: (text: string) => void) => void} refused
  */
 
+/** What a picture of the whole map says before it is there the first time. */
+const WAIT = "being computed\u2026";
+
 const el = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
 
 /**
@@ -34,7 +37,7 @@ export function makeReliefView({ wire, level, stage, kind, epoch, refused, lines
       const { header, arrays } = await wire.ask("relief", { stage: stage(), level: at, side: 512 });
       if (mine === epoch()) relief?.put(header, arrays);
     } catch (error) {
-      refused(error, (text) => (el("map-message").textContent = text));
+      refused(error, (text) => (relief?.say(""), (el("map-message").textContent = text)));
     }
   }
   const lamp = /** @type {HTMLInputElement} */ (el("relief-light"));
@@ -48,6 +51,7 @@ export function makeReliefView({ wire, level, stage, kind, epoch, refused, lines
     el("relief-bar").parentElement?.classList.toggle("turned", on); // the room of the tools stays: the picture does not jump
     el("relief-on").setAttribute("aria-pressed", String(on));
     relief ??= makeRelief(el("relief"), { table, lines, lit: (degrees) => (lamp.value = String(degrees)), stretched: (steps) => (scale.value = String(steps)) });
+    if (on) relief.say(WAIT);
     askRelief();
   });
   el("relief-save").addEventListener("click", () => relief?.picture().toBlob((blob) => blob && download(blob, "map-3d.png")));
@@ -71,6 +75,7 @@ export function makeWholeViews({ wire, level, stage, kind, epoch, refused, lower
   async function askHeights(/** @type {Level} */ at = level()) {
     if (lower() !== "heights") return;
     const mine = epoch();
+    if (!heights.get("edges")) heights.put({ message: WAIT });
     try {
       const { header, arrays } = await wire.ask("heights", { stage: stage(), level: at, at: heights.get("at") });
       if (mine !== epoch()) return;
@@ -87,6 +92,7 @@ export function makeWholeViews({ wire, level, stage, kind, epoch, refused, lower
   async function askWaves(/** @type {Level} */ at = level()) {
     if (lower() !== "waves2d" || kind() !== "map") return;
     const mine = epoch();
+    if (!waves.get("index")) waves.put({ message: WAIT });
     try {
       const { header, arrays } = await wire.ask("waves2d", { stage: stage(), level: at });
       if (mine !== epoch()) return;

@@ -30,7 +30,7 @@ from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
 from metrosep.io.objects import only_channels
 from metrosep.io.own_notes import decode_history, decode_mapping, encode_history, encode_mapping
 from metrosep.io.registry import mismatch, sniffer
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile, declared_steps, refuse_options
 
 __all__ = ["channels", "read", "sniff", "stored_metadata", "table_bytes"]
 
@@ -57,7 +57,7 @@ def read(
 ) -> Surface | Profile | Recording | RunSet:
     """Return the object that was written."""
     refuse_options(file, "an object of metrosep in SI", unit=unit)
-    override = lateral_steps(lateral_step)
+    override = declared_steps(lateral_step)
     with open_hdf5(file) as handle:
         kind = _kind(file, handle)
         if kind not in _READ:

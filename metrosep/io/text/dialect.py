@@ -6,7 +6,6 @@ Which dialect a text is in is found by `metrosep.io.text.dialect`.
 from __future__ import annotations
 
 import csv
-import difflib
 import re
 import unicodedata
 from collections import Counter
@@ -23,6 +22,7 @@ from metrosep.core.errors import (
     ReadNameError,
     UnitError,
 )
+from metrosep.core.readable import nearest
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit, column_unit, parse_unit
 from metrosep.io.text.encoding import NO_READING, ROLE_WORDS, Role, is_error_cell
@@ -119,27 +119,29 @@ class Dialect:
         text = field.strip()
         if not text.isascii():
             text = unicodedata.normalize("NFKC", text.translate(_MINUS)).translate(_MINUS)
-        if not (self.thousands and self.thousands in text) and _NUMBER[self.decimal].fullmatch(
-            text
-        ):
-            return text.replace(",", ".").replace("d", "e").replace("D", "e")
-        if _SPACED_GROUPS[self.decimal].fullmatch(text):
-            text = re.sub(r"[ '\u2019]", "", text)
-        if self.thousands and self.thousands in text:
-            whole = re.escape(self.thousands)
-            rest = re.escape(self.decimal)
-            if not re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}(?:{whole}\d{{3}})+(?:{rest}\d*)?", text):
+        number, mark = _NUMBER[self.decimal], self.thousands
+        if (mark and mark in text) or number.fullmatch(text) is None:
+            if _SPACED_GROUPS[self.decimal].fullmatch(text):
+                text = re.sub(r"[ '\u2019]", "", text)
+            if mark and mark in text:
+                if _grouped(mark, self.decimal).fullmatch(text) is None:
+                    return None
+                text = text.replace(mark, "")
+            if number.fullmatch(text) is None:
                 return None
-            text = text.replace(self.thousands, "")
-        return (
-            None
-            if _NUMBER[self.decimal].fullmatch(text) is None
-            else text.replace(",", ".").replace("d", "e").replace("D", "e")
-        )
+        return text.replace(",", ".").replace("d", "e").replace("D", "e")
 
     def __str__(self) -> str:
         mark = "point" if self.decimal == "." else "comma"
         return f"separator {WORDS[self.separator]}, decimal {mark}"
+
+
+@lru_cache
+def _grouped(mark: str, decimal: str) -> re.Pattern[str]:
+    """Return what numbers with groups of three digits look like."""
+    return re.compile(
+        rf"[+-]?[1-9]\d{{0,2}}(?:{re.escape(mark)}\d{{3}})+(?:{re.escape(decimal)}\d*)?"
+    )
 
 
 LONGEST_FIELD: Final = 131_072
@@ -383,8 +385,7 @@ def find_column(wanted: str, names: Sequence[str], path: object, *, role: str) -
             raise FormatMismatchError(
                 f"{path}: {role} column {wanted!r} may be {' or '.join(candidates)}; give the full name"
             )
-    near = difflib.get_close_matches(key, [n.casefold() for n in names], n=1, cutoff=0.5)
-    guess = next((n for n in names if near and n.casefold() == near[0]), None)
+    guess = nearest(key, names, 0.5)
     odd = encoding_hint(names)
     hint = f"; did you mean {guess!r}?" if guess else f"; {odd}" if odd else ""
     raise ReadNameError(
@@ -550,12 +551,10 @@ def _fit(
     """Return the rows of a sample under a dialect: the commonest number of fields makes the table."""
     with_groups = dialect if dialect.thousands else replace(dialect, thousands=dialect.other_mark)
     head = dialect.split(sample[:n_head])
-    known = _kinds_of({f for row in head for f in row}, dialect, with_groups)
-    if not any(_is_numbered(k) for k in _kinds(head, known, labelled)):
+    if not any(_has_numbers(row[labelled:], dialect, with_groups) for row in head):
         return None  # no row among the first lines, whatever the others are
     split = [*head, *dialect.split(sample[n_head:])]
-    more = {f for row in split[n_head:] for f in row} - known.keys()
-    known |= _kinds_of(more, dialect, with_groups)
+    known = _kinds_of({f for row in split for f in row}, dialect, with_groups)
     if not any(_shows_mark(f, dialect) for f in known):
         known |= {f: "odd" for f, k in known.items() if k == "grouped"}
     kinds = _kinds(split, known, labelled)
@@ -673,6 +672,17 @@ def _kinds_of(fields: set[str], dialect: Dialect, grouped: Dialect) -> dict[str,
         _known_kinds.cache_clear()
         kinds = _known_kinds(dialect, grouped)
     return {f: kinds.get(f) or kinds.setdefault(f, _kind(f, dialect, grouped)) for f in fields}
+
+
+def _has_numbers(fields: Sequence[str], dialect: Dialect, grouped: Dialect) -> bool:
+    """Whether fields are a row of numbers; under another decimal mark the first of a thousand says no."""
+    kinds, counted = _known_kinds(dialect, grouped), False
+    for field in fields:
+        kind = kinds.get(field) or kinds.setdefault(field, _kind(field, dialect, grouped))
+        if kind == "odd":
+            return False
+        counted |= kind in _COUNTED
+    return counted
 
 
 @lru_cache(maxsize=64)

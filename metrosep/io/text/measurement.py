@@ -44,7 +44,7 @@ from metrosep.io._roles import (
 from metrosep.io.objects import SI_NAMES, make_surface, rows_of_matrix, scaled, to_grid
 from metrosep.io.own_notes import header_notes
 from metrosep.io.several_runs import BLOCKS, FoundRuns, SeveralRunsError, table_advice
-from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
+from metrosep.io.source import RawFile, declared_steps, rate_of, refuse_options
 from metrosep.io.text._compiled import different
 from metrosep.io.text.dialect import header_unit, holds_counts, is_other_unit
 from metrosep.io.text.matrices import (
@@ -130,7 +130,7 @@ def measurement(
             if time is None and channel is None and (found := _numbered_runs(made.table)):
                 raise SeveralRunsError(file.path, found)
             return made.recording(timed, sampling_rate, channel)
-        steps = lateral_steps(lateral_step)
+        steps = declared_steps(lateral_step)
         said = unit is not None or steps is not None or n_columns > FEW_COLUMNS
         unnamed = bare and x is None and z is None and channel is None
         if unnamed and (said or looks_like_points(file, made.table)):
@@ -855,7 +855,7 @@ def map_as_surface(
         (None, None),
         **rows,
         header=header,
-        override=lateral_steps(lateral_step),
+        override=declared_steps(lateral_step),
         channel=name,
         unit_in_file=None if own_unit is None else own_unit.name,
         unit_declared=None if declared is None else declared.name,

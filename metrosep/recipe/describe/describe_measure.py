@@ -10,7 +10,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.profile import Profile
 from metrosep.core.readable import readable_unit
 from metrosep.core.surface import Surface
-from metrosep.core.units import Pixels, format_length
+from metrosep.core.units import format_length, with_px
 from metrosep.recipe.describe.charts import (
     curve,
     curve_chart,
@@ -171,14 +171,8 @@ def _drawn(section: MapSection) -> dict[str, Any]:
 
 def _section(section: MapSection) -> dict[str, Any]:
     """Return a section as plain values, SI."""
-
-    def typed(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return [typed(v) for v in value]
-        return str(value) if isinstance(value, Pixels) else value
-
     return {
-        **{k: typed(v) for k, v in section.keys.items()},
+        **{k: list(v) if isinstance(v, tuple) else v for k, v in with_px(section.keys).items()},
         "found": {k: q.to_dict() for k, q in section.found.items()},
         "messages": list(section.messages),
     }

@@ -139,7 +139,7 @@ def _motions(found: Any, seen: dict[str, Any]) -> dict[str, Quantity]:
         x = _places(found, name)
         value = term.evaluate(x)
         # the extremes hang together by the coefficients
-        basis, cov = term.beyond or (term.basis, term.cov)
+        basis, cov = term.whole
         ends = basis.at(x[[int(np.argmax(value)), int(np.argmin(value))]])
         apart = ends[0] - ends[1]
         u = math.sqrt(max(float(apart @ cov @ apart), 0.0))

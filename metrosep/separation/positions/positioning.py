@@ -446,6 +446,7 @@ def as_positions(data: RoleColumns, values: str) -> RoleColumns:
     target = np.asarray(data.values["target"], dtype=np.float64)
     found = {k: data.values[k] for k in ("readings", "forward", "backward") if k in data.values}
     angle = data.units.get("target") == "rad"
+    _require_units(target, found)
     for name, readings in found.items():
         _require_kind(target, np.asarray(readings, dtype=np.float64), values, name, angle=angle)
     if values == "position":
@@ -459,9 +460,11 @@ def as_positions(data: RoleColumns, values: str) -> RoleColumns:
 
 def are_deviations(data: RoleColumns) -> bool:
     """Return whether readings span far less than their targets, so that they are not positions."""
-    found = (data.values.get(k) for k in ("readings", "forward", "backward"))
-    together = np.concatenate([np.ravel(v) for v in found if v is not None])
-    return _range(together) < _SMALL * _range(np.asarray(data.values["target"], dtype=np.float64))
+    target = np.asarray(data.values["target"], dtype=np.float64)
+    found = {k: data.values[k] for k in ("readings", "forward", "backward") if k in data.values}
+    _require_units(target, found)
+    together = np.concatenate([np.ravel(v) for v in found.values()])
+    return _range(together) < _SMALL * _range(target)
 
 
 def _require_kind(
@@ -485,6 +488,42 @@ def _require_kind(
             f"the {name} look like positions reached, not like deviations: {sizes}; leave "
             'values = "deviation" out'
         ).hinting(values=None)
+
+
+_MISTAKEN = {
+    1e-3: "mm and um",
+    1e-6: "mm and nm",
+    1e3: "mm and um",
+    1 / 25.4: "inches and mm",
+    25.4: "inches and mm",
+    1 / 60: "degrees and minutes of arc",
+    1 / 3600: "degrees and seconds of arc",
+}
+"""Readings over targets, where the numbers are those of the targets and a unit is not."""
+_ALIKE = 1e-3
+"""Of the targets: an axis that is wrong by a thousandth of its travel is not proportional to it so well."""
+
+
+def _require_units(target: FloatArray, found: Mapping[str, Any]) -> None:
+    """Refuse readings that are the targets in number but not in unit: a table would be made of the targets."""
+    for name, readings in found.items():
+        goals = target if name == "readings" else target[:, None]  # a row a run, a row a target
+        _require_other_numbers(goals, np.asarray(readings, dtype=np.float64), name)
+
+
+def _require_other_numbers(target: FloatArray, readings: FloatArray, name: str) -> None:
+    known = np.isfinite(target + readings)
+    t, r = (np.broadcast_to(v, readings.shape)[known] for v in (target, readings))
+    size = float(np.abs(t).max(initial=0.0))
+    if t.size < 3 or size == 0.0:
+        return
+    ratio = float(t @ r) / float(t @ t)
+    for factor, units in _MISTAKEN.items():
+        if abs(ratio / factor - 1.0) < _ALIKE and np.abs(r / factor - t).max() < _ALIKE * size:
+            raise InvalidSamplesError(
+                f"the {name} have the numbers of the targets, but {factor:.3g} times their size: the unit "
+                f"of a column is wrong ({units}); correct it in the names of the columns"
+            )
 
 
 def _range(values: FloatArray) -> float:

@@ -182,6 +182,9 @@ def separate_joint(
     mode: Literal["stated", "auto", "fit"] = "stated"
     if isinstance(lag, str):
         mode = "fit" if lag == "fit" else "auto"
+    evidence, how, unsteady, slipping = evidence_of(
+        runs, names, over=(first, last), rate=false_discovery_rate
+    )
     solve = partial(
         solve_joint,
         travel=(low, high),
@@ -193,6 +196,7 @@ def separate_joint(
         several_feeds=n_feeds > 1 and not options.position_offsets,
         set_up_anew=parts,
         named=named,
+        slipping=() if options.position_offsets else slipping,
     )
     solution, prepared, offsets = _at_their_places(prepared, solve, options)
     terms, sentences = report_terms(solution, prepared, runs, options)
@@ -230,7 +234,11 @@ def separate_joint(
         ),
         *([_PARTS] if lines_of_parts else []),
         *_thin(runs, first, last),
-        *_unheld_waves(options.waves, high - low, period / n_harmonics / HELD_SHARE),
+        *options.unheld_waves(
+            (period / n_harmonics / HELD_SHARE, high - low),
+            [_pitch(r) for r in prepared],
+            sampled=limit in ("sampling", "data"),
+        ),
         *sentences,
         *hint_options(solution, prepared, options),
     )
@@ -243,9 +251,7 @@ def separate_joint(
     if options != JointOptions() or n_probes > 1:
         audit["options"] = options.as_dict()
         audit["run_levels_nm"] = ((solution.offsets + level) / _NM).tolist()
-    evidence, audit["evidence"], unsteady = evidence_of(
-        runs, names, over=(first, last), rate=false_discovery_rate
-    )
+    audit["evidence"] = how
     if solution.slip:  # the model holds it, and its own sentence says so
         unsteady = ()
     known = uncertainty.z[~np.isnan(uncertainty.z)]
@@ -350,22 +356,14 @@ def _checked_lag(lag: Any) -> float:
     return value
 
 
-def _unheld_waves(waves: Sequence[float], longest: float, shortest: float) -> list[str]:
-    """Name the stated wavelengths that are not looked for."""
-    out = [format_length(w) for w in waves if not shortest <= w <= longest]
-    if not out:
-        return []
-    sentence = (
-        f"waves {', '.join(out)}: not looked for, since only waves from {format_length(shortest)} to "
-        f"the travel of {format_length(longest)} are"
-    )
-    return [sentence]
+def _pitch(run: PreparedRun) -> float:
+    return float(np.ptp(run.x)) / max(run.x.size - 1, 1)
 
 
 def _n_harmonics(
     runs: list[PreparedRun], *, period: float, shortest: float | None
 ) -> tuple[int, str]:
-    pitch = max(float(np.ptp(r.x)) / max(r.x.size - 1, 1) for r in runs)
+    pitch = max(_pitch(r) for r in runs)
     rows = sum(int((~np.isnan(r.z)).sum()) for r in runs)
     by_data = max(
         (rows - len(runs)) // 2, 4
@@ -504,21 +502,21 @@ def _thin(runs: RunSet, first: float, last: float) -> list[str]:
 
 def evidence_of(
     runs: RunSet, probes: Sequence[str], *, over: tuple[float, float], rate: float
-) -> tuple[dict[str, list[Any]], Mapping[str, Any], tuple[str, ...]]:
-    """Return the columns of the evidence and what was done, or why there are none."""
+) -> tuple[dict[str, list[Any]], Mapping[str, Any], tuple[str, ...], tuple[float, ...]]:
+    """Return the columns of the evidence and what was done, or why none; and what slips, in words and m."""
     used = RunSet([r for r, name in zip(runs, probes, strict=True) if name == probes[0]])
     groups = used.by_feed()
     if len(groups) < 2 or any(r.feed is None for r in used):
-        return {}, {"not_taken": "fewer than 2 feedrates"}, ()
+        return {}, {"not_taken": "fewer than 2 feedrates"}, (), ()
     if min(len(members) for _, members in groups) < _LEAST_RUNS:
-        return {}, {"not_taken": f"fewer than {_LEAST_RUNS} runs at a feedrate"}, ()
+        return {}, {"not_taken": f"fewer than {_LEAST_RUNS} runs at a feedrate"}, (), ()
     try:
         shared = runs.common_travel
         start, stop = max(over[0], shared[0]), min(over[1], shared[1])
         table = evidence_table(used, start=start, length=stop - start, false_discovery_rate=rate)
     except (InvalidSamplesError, TooFewSamplesError, NotSeparableError) as exc:
-        return {}, {"not_taken": str(exc)}, ()
-    return dict(table.columns), table.audit, table.unsteady
+        return {}, {"not_taken": str(exc)}, (), ()
+    return dict(table.columns), table.audit, table.unsteady, table.slipping
 
 
 def contradictions(

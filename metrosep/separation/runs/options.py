@@ -22,6 +22,17 @@ _MAX_WAVES = 8
 """Waves of the feed-dependent error; more would compete with the geometry itself."""
 
 
+_SAME_PITCH = 0.25
+"""Of a pitch: by less the samples of two runs part over the travel, so that they read a short wave alike."""
+
+
+def _read(length: float, pitch: float) -> str:
+    """Return what samples make of a wave below two of their pitches."""
+    rest = abs(1.0 / length - round(pitch / length) / pitch)
+    as_ = format_length(1.0 / rest, digits=3) if rest > 1e-9 / length else "a constant"
+    return f"{format_length(length)} as {as_}"
+
+
 @dataclass(frozen=True, slots=True)
 class JointOptions:
     """What the joint model holds beside geometry, offsets and noise; all off by default."""
@@ -164,6 +175,44 @@ class JointOptions:
                     f"longest of the model, {format_length(period)}; it is in metres: 8 mm is "
                     "8e-3 (a number of waves is a whole number, such as 3)"
                 )
+
+    def unheld_waves(
+        self, looked: tuple[float, float], pitches: Sequence[float], *, sampled: bool
+    ) -> list[str]:
+        """Name the stated waves that are not looked for, and why; lengths in m.
+
+        `looked` are the shortest and longest that are, the former by the samples if `sampled`.
+        """
+        shortest, longest = looked
+        out = []
+        long = [format_length(w) for w in self.waves if w > longest]
+        if long:
+            out.append(
+                f"waves {', '.join(long)}: not looked for, since they are longer than the travel of "
+                f"{format_length(longest)}"
+            )
+        short = [w for w in self.waves if w < shortest]
+        if not short:
+            return out
+        why = "state shortest= (command line: --shortest) to go further"
+        if sampled:
+            why = (
+                f"the samples of the fastest run are {format_length(max(pitches), digits=3)} apart and "
+                "do not show them: sample faster or move slower"
+            )
+        out.append(
+            f"waves {', '.join(format_length(w) for w in short)}: not looked for, since only waves "
+            f"from {format_length(shortest, digits=3)} on are; {why}"
+        )
+        pitch = sum(pitches) / len(pitches)
+        folded = [w for w in short if w < 2.0 * pitch]
+        if folded and max(pitches) - min(pitches) < _SAME_PITCH * pitch**2 / longest:
+            out.append(
+                f"all runs have one pitch of {format_length(pitch, digits=3)}: at every feedrate a "
+                f"wave below two pitches reads as a longer one ({', '.join(_read(w, pitch) for w in folded)}"
+                "), and no run tells it from the error; take a finer pitch"
+            )
+        return out
 
     def check_runs(self, n_feeds: int, n_probes: int, *, fit_lag: bool, way: str) -> None:
         """Refuse what the feedrates and probes at hand cannot show."""

@@ -224,6 +224,7 @@ class Model:
     post: Posterior | None = None
     # s^2: variances of a lag because the runs are displaced, each by its own; and their chances
     lag_variances: tuple[FloatArray, FloatArray] = PLACED
+    lag_prior: float = 0.0  # s: half width of the distribution of the lag before; 0: any lag
     _seen: list[RunEquations] | None = None
     # the equations of which `post` is the solution
     _solved: _Equations | None = None

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 from metrosep.core.runset import SAME_FEED, Run, RunSet
 from metrosep.core.units import format_length
@@ -226,10 +226,19 @@ def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float,
             found.said[run].remove(found.by_size[run])
         text, refused = texts.get(i, ("", False))
         others = f"the other {n - (not accused)} runs" if n > 1 else "the other run"
-        jump = _jump(table, i) if shape.startswith("differs") else None
-        if jump is not None:
-            place, size = jump
+        change = None
+        if shape.startswith("differs") or (
+            n > 1 and not accused and _stands_out(runs, table, i, unlike)
+        ):
+            change = _change(table, i)
+        if change is not None:
+            place, size = change
             text = f"jumps by {format_length(size)} at {format_length(place)} against {others}"
+            if math.isnan(place):
+                text = (
+                    f"bends by {format_length(size)} from end to end against {others}, as a drift "
+                    "does (drift=2, command line: --drift 2, takes a bend of each run out)"
+                )
             found.say(run, text, at=place, size=size)
         elif shape:
             found.say(run, shape + others)
@@ -271,8 +280,7 @@ def _odd_shape(
     alike = others & _same_feed(feeds, row)
     if not others.any() or (not accused and (alike.sum() < 2 or coarse)):
         return ""
-    # A vibration at a wavelength of the error is in all runs of a feedrate.
-    typical = max(float(np.median(unlike[rows, 0])) for rows in (others, alike) if rows.any())
+    typical = _typical(others, alike, unlike)
     aligned, mirrored, n_waves = (float(v) for v in unlike[row])
     if accused and aligned > f_distribution.isf(_REPEATS, n_waves, n_waves) * mirrored:
         return _MIRRORED  # few waves: a shift of half of the longest is nearly as good
@@ -286,12 +294,30 @@ def _odd_shape(
     return f"differs, whatever its gain and place, in {100 * aligned:.2g} % of the power of the error from "
 
 
+def _typical(others: BoolArray, alike: BoolArray, unlike: FloatArray) -> float:
+    """Return the share of the error that other runs do not show, of all or of those of the feedrate."""
+    # A vibration at a wavelength of the error is in all runs of a feedrate.
+    return max(float(np.median(unlike[rows, 0])) for rows in (others, alike) if rows.any())
+
+
+def _stands_out(runs: RunSet, table: RunTable, row: int, unlike: FloatArray) -> bool:
+    """Return whether a run differs by many times what the others do, however little that is."""
+    feeds = np.array([runs[i].feed or 0.0 for i in table.members])
+    others = table.reference.copy()
+    others[row] = False
+    alike = others & _same_feed(feeds, row)
+    if alike.sum() < 2:
+        return False
+    return bool(unlike[row, 0] > _TIMES_OTHERS[1] * _typical(others, alike, unlike))
+
+
 _JUMP, _JUMP_TIMES = 0.3, 10.0
-"""Share of the squares that a level from one place on takes off, and over that of the other runs."""
+"""Share of the squares that a level from one place on, or a bend, takes off, and over that of the
+other runs."""
 
 
-def _jump(table: RunTable, row: int) -> tuple[float, float] | None:
-    """Return place and size of the jump of a run against the others, None if it has none."""
+def _change(table: RunTable, row: int) -> tuple[float, float] | None:
+    """Return place and size of the jump of a run against the others, NaN and size of a bend; or None."""
     found = []
     rows = [row, *(i for i in np.flatnonzero(table.reference).tolist() if i != row)]
     for i in rows:
@@ -299,11 +325,23 @@ def _jump(table: RunTable, row: int) -> tuple[float, float] | None:
         others[[i, row]] = False
         rest = table.z[i] - _median(table.z[others])
         known = ~np.isnan(rest)
-        found.append(_best_level(table.x[known], rest[known]))
+        x, z = table.x[known], rest[known]
+        found.append(max(_best_level(x, z), _bend(x, z)))
     gain, place, size = found[0]
     if gain > max(_JUMP, _JUMP_TIMES * max(f[0] for f in found[1:])):
         return place, size
     return None
+
+
+def _bend(x: FloatArray, z: FloatArray) -> tuple[float, float, float]:
+    """Return how much of the squares a parabola takes off, NaN, and its height over the chord."""
+    u = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
+    q = np.linalg.qr(np.polynomial.legendre.legvander(u, 2))[0]
+    along = q.T @ z
+    bend = q[:, 2] * along[2]
+    left = float(z @ z) - float(along @ along)
+    height = float(bend[0] - bend[bend.size // 2])
+    return float(along[2] ** 2) / max(left, 1e-300), math.nan, height
 
 
 def _best_level(x: FloatArray, z: FloatArray) -> tuple[float, float, float]:

@@ -2,7 +2,9 @@
 
 A late reading shows the error of the place x - v l. What is found is neither switched on nor off:
 the solutions with and without it are averaged by their probabilities, since a lag just below any
-threshold would be in the estimate and not in its band. Equation numbers: separation-2.
+threshold would be in the estimate and not in its band. A machine that has a lag has one of a Cauchy
+distribution of half width `LAG_PRIOR`: a lag that is hardly known is drawn to none, a long one that
+is seen stays as it is. Equation numbers: separation-2.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ LAG_CHI2 = 12.0
 """Square of a lag over its uncertainty from which it is named: 5 in 10,000 by chance."""
 
 LAG_PRIOR = 1e-3
-"""Standard deviation in s of the lag of a machine that has one."""
+"""Half width in s of the distribution of lags, Cauchy's: half of the machines that have one have less.
+A normal one of this width takes a lag of 9 ms that is seen for as unlikely as none."""
 
 _STEPS = 3
 
@@ -53,6 +56,7 @@ class LagScore:
     change: FloatArray  # shape (N, 2): minus the change of the solution with each
     trace: FloatArray  # shape (2,): what the spread about the mean takes from the score
     displaced: float = 0.0  # s^2: variance of the lag because the runs are displaced
+    prior: float = 0.0  # s: half width of the distribution of the lag before; 0: any
 
     @property
     def lag(self) -> float:
@@ -69,19 +73,46 @@ class LagScore:
         """Standard uncertainty of the lag, s."""
         return math.sqrt(self.own + self.displaced)
 
+    def hidden(self, lag: float) -> bool:
+        """Return whether nothing is known of a lag, beside one that is corrected already."""
+        return self.u > LAG_PRIOR and (lag + self.lag) ** 2 <= LAG_CHI2 * self.u**2
+
     @property
     def gradient(self) -> FloatArray:
         """Derivative of ln evidence with lag and spread, the spectrum held; shape (2,)."""
         return self.score - self.trace
 
+    def step(self, lag: float) -> FloatArray:
+        """Return the step of lag and spread from a lag; its prior and displaced runs are counted."""
+        step = np.linalg.solve(self.information, self.gradient)
+        spread = np.linalg.inv(self.information)
+        variance = float(spread[0, 0]) + self.displaced
+        back = likely_lag(lag + float(step[0]), variance, self.prior)[0] - lag - float(step[0])
+        return np.asarray(step + back * (spread[:, 0] + [self.displaced, 0.0]) / variance)
+
     def along(self, direction: FloatArray) -> tuple[float, float, FloatArray]:
-        """Return step and own variance of a parameter that moves both so, and minus the change with it."""
+        """Return step and own variance of a lag with which both move so, and minus the change with it."""
         information = float(direction @ self.information @ direction)
         return (
             float(direction @ self.gradient) / information,
             1.0 / information,
             self.change @ direction,
         )
+
+
+_REACH, _POINTS = 8.0, 401
+"""Standard uncertainties about a lag that is read, and places there, over which its mean is taken."""
+
+
+def likely_lag(read: float, variance: float, prior: float) -> tuple[float, float]:
+    """Return mean and variance of a lag that is read, drawn from a Cauchy distribution; 0: as read."""
+    if not prior:
+        return read, variance
+    at = read + math.sqrt(variance) * np.linspace(-_REACH, _REACH, _POINTS)
+    weight = np.exp(-0.5 * (at - read) ** 2 / variance) / (prior**2 + at**2)
+    weight /= weight.sum()
+    mean = float(weight @ at)
+    return mean, float(weight @ (at - mean) ** 2)
 
 
 def lag_score(model: Model) -> LagScore | None:
@@ -118,19 +149,19 @@ def lag_score(model: Model) -> LagScore | None:
         return None
     # The split into delay and time constant may not be seen at all.
     information[1, 1] = max(information[1, 1], 1e-12 * own[1, 1])
-    return LagScore(score, information, root @ held, trace, model.lag_variance)
+    return LagScore(score, information, root @ held, trace, model.lag_variance, model.lag_prior)
 
 
 def lag_steps(model: Model, *, sure: bool = False) -> None:
     """Correct lag and spread by Gauss-Newton steps, the spectrum learnt between them (eq. 21)."""
     at = lag_score(model)
-    if at is None or (at.u > LAG_PRIOR and not sure):
+    if at is None or (at.hidden(model.sensor.lag) and not sure):
         return
     for i in range(_STEPS):
         at = lag_score(model) if i else at
         if at is None:
             return
-        step = np.linalg.solve(at.information, at.gradient)
+        step = at.step(model.sensor.lag)
         spread = model.sensor.spread + float(step[1])
         if spread < 0.0:
             # on the boundary the lag moves by its own row, given that the spread becomes 0
@@ -185,19 +216,26 @@ def chance_of_lag(
     gain: float = math.inf,
     displaced: tuple[FloatArray, FloatArray] = PLACED,
 ) -> float:
-    """Return the probability of a lag N(0, LAG_PRIOR^2) against none, both as likely before (22).
+    """Return the probability of a lag, Cauchy's of half width LAG_PRIOR, against none, as likely before.
 
-    `own` is the variance of the lag with the runs where they are, s^2. `gain` is by how much ln evidence is greater with the lag; where the evidence is a parabola it
-    is lag^2 / (2 u^2), which it is not allowed to exceed. Where the runs lie apart by a size that
-    is not known well, the variance u^2 has as many values as that size, each with its chance.
+    `own` is the variance of the lag that is read with the runs where they are, s^2. `gain` is by how
+    much ln evidence is greater with it; where the evidence is a parabola it is lag^2 / (2 u^2), which
+    it is not allowed to exceed. Where the runs lie apart by a size that is not known well, the variance
+    u^2 has as many values as that size, each with its chance.
     """
     variances, chances = displaced
     alone = own + variances
-    both = alone + LAG_PRIOR**2
-    none = -0.5 * np.log(alone) - np.minimum(gain, 0.5 * lag**2 / alone)
-    some = -0.5 * np.log(both) - 0.5 * lag**2 / both
-    odds = _log_mean(chances, some) - _log_mean(chances, none)
+    none = -0.5 * np.log(2.0 * math.pi * alone) - np.minimum(gain, 0.5 * lag**2 / alone)
+    odds = _log_mean(chances, _log_of_some(lag, alone)) - _log_mean(chances, none)
     return 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
+
+
+def _log_of_some(lag: float, variance: FloatArray | float) -> FloatArray:
+    """Return ln of the density of a lag that is read, in 1/s, where there is one."""
+    from scipy.special import voigt_profile
+
+    u = np.sqrt(variance)
+    return np.asarray(np.log(voigt_profile(lag / LAG_PRIOR, u / LAG_PRIOR, 1.0) / LAG_PRIOR))
 
 
 def _log_mean(chances: FloatArray, logs: FloatArray) -> float:
@@ -210,8 +248,11 @@ class Split:
     """Solution with one share of the time constant in the lag."""
 
     weight: float
-    lag: float  # s, with its own variance for this share, s^2
+    lag: float  # s: mean and its variance in s^2, the prior counted
+    variance: float
+    read: float  # s: as read, and its variance in s^2 with the runs where they are, for this share
     own: float
+    gain: float  # of ln evidence from the lag to the one that is read
     answer: Answer  # its covariance with what the lag leaves open (eq. 23)
 
 
@@ -228,14 +269,21 @@ def splits(model: Model) -> list[Split]:
     for share in _SHARES if sure else _SHARES[::2]:
         model.back_to(start)
         _settle(model, share)
-        answer, own = model.answer(), math.inf
+        answer, lag = model.answer(), model.sensor.lag
+        part = Split(answer.evidence, lag, math.inf, lag, math.inf, 0.0, answer)
         at = lag_score(model)
         if at is not None:
-            _, own, change = at.along(_held(model.sensor.lag, share))
-            more = np.outer(change, change) * (own + at.displaced)
+            step, own, change = at.along(_held(lag, share))
+            whole, read = own + at.displaced, lag + step
+            _, variance = likely_lag(read, whole, at.prior)
+            more = np.outer(change, change) * variance
+            gain = 0.5 * step**2 / own
+            weight = answer.evidence + gain + 0.5 * math.log(whole)
+            if at.prior:
+                weight += float(_log_of_some(read, whole))
             answer = replace(answer, covariance=answer.covariance + more)
-        weight = answer.evidence + (0.5 * math.log(own + at.displaced) if at is not None else 0.0)
-        parts.append(Split(weight, model.sensor.lag, own, answer))
+            part = Split(weight, lag, variance, read, own, gain, answer)
+        parts.append(part)
         states.append(model.state())
     logs = np.array([p.weight for p in parts])
     chances = np.exp(logs - logs.max())
@@ -260,7 +308,9 @@ def _settle(model: Model, share: float) -> None:
         at = lag_score(model)
         if at is None or i == _STEPS:
             return
-        step, own, _ = at.along(_held(lag, share))
-        if step**2 < 0.05**2 * (own + at.displaced):
+        read, own, _ = at.along(_held(lag, share))
+        mean, variance = likely_lag(lag + read, own + at.displaced, at.prior)
+        step = mean - lag
+        if step**2 < 0.05**2 * variance:
             return
         lag += float(np.clip(step, -LAG_PRIOR, LAG_PRIOR))

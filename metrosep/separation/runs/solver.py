@@ -58,6 +58,7 @@ from metrosep.separation.runs.waves import (
     learn_slip,
     remove_weak,
     search,
+    seed_slip,
 )
 from metrosep.separation.runs.weights import RowWeights
 from metrosep.spectral.autoregressive import AutoregressiveModel
@@ -98,8 +99,12 @@ def solve_joint(
     several_feeds: bool = True,
     set_up_anew: bool = False,
     named: Sequence[int] = (),
+    slipping: Sequence[float] = (),
 ) -> Solution:
-    """Estimate geometry, noise, sensor and slip from all runs together (3.3); the named ones are odd."""
+    """Estimate geometry, noise, sensor and slip from all runs together (3.3).
+
+    The named runs are odd; the slipping wavelengths, in m, differ from run to run before any model.
+    """
     options = options or JointOptions()
     with one_blas_thread():
         terms = Terms(
@@ -116,12 +121,15 @@ def solve_joint(
         model.slip_is_geometry = options.slip == "geometry"
         model.sensor = Sensor(lag)
         seek_lag = several_feeds and lag_mode != "stated" and options.following != "waves"
+        if lag_mode == "auto":
+            model.lag_prior = sensor_room.LAG_PRIOR
         _pass(system, model, most=12)
         while system.mark_again(model):  # before a noise model takes what is wrong for noise
             _pass(system, model, most=6)
         if options.lines and options.lines != "auto":
             place_lines(system, model, options.lines)
             _pass(system, model, most=6)
+        seed_slip(model, slipping)  # before the noise takes it for a line of each feedrate
         _learn_noise(system, model)
         found = find_lines(system, model, options)
         choose_following(system, model, options)
@@ -301,15 +309,33 @@ class Solution:
         return [np.where(marked, np.nan, residual) for residual, marked in pairs]
 
 
-def _answer_with_lag(model: Model) -> tuple[Answer, float, float]:
-    """Return the mean over the splits of a lag, with what it leaves open; the lag, its own variance."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _WithLag:
+    """The mean over the splits of a lag, with what it leaves open."""
+
+    answer: Answer
+    lag: float  # s: mean and standard uncertainty
+    u: float
+    read: float  # s: without its prior, and its variance in s^2 with the runs where they are
+    own: float
+    gain: float  # of ln evidence, of the likeliest split, from the lag to the one that is read
+
+
+def _answer_with_lag(model: Model) -> _WithLag:
+    """Return the mean over the splits of a lag."""
     parts = sensor_room.splits(model)
     weights = [p.weight for p in parts]
-    lags = np.array([p.lag for p in parts])
-    lag = float(np.dot(weights, lags))
-    squares = np.array([p.own for p in parts]) + (lags - lag) ** 2
-    own = float(np.dot(weights, squares))
-    return _mean_answer(weights, [p.answer for p in parts]), lag, own
+
+    def mean(values: Sequence[float], variances: Sequence[float]) -> tuple[float, float]:
+        middle = float(np.dot(weights, values))
+        return middle, float(np.dot(weights, variances + (np.array(values) - middle) ** 2))
+
+    lag, variance = mean([p.lag for p in parts], [p.variance for p in parts])
+    read, own = mean([p.read for p in parts], [p.own for p in parts])
+    answer = _mean_answer(weights, [p.answer for p in parts])
+    return _WithLag(
+        answer, lag, math.sqrt(variance), read, own, parts[int(np.argmax(weights))].gain
+    )
 
 
 def _mean_answer(weights: Sequence[float], answers: Sequence[Answer]) -> Answer:
@@ -330,20 +356,20 @@ def _with_and_without_lag(
     at = sensor_room.lag_score(model) if several_feeds else None
     if at is None:
         return model.answer(), None
-    if mode == "fit" and at.u > _UNKNOWN_LAG:
+    if mode == "fit" and at.u > _UNKNOWN_LAG and at.hidden(model.sensor.lag - stated):
         model.back_to((Sensor(stated), *model.state()[1:]))
         model.learn(4)
         return model.answer(), LagTest(0.0, at.u, 0.0, 0.0, fitted=False)
     if mode == "fit":
-        one, lag, own = _answer_with_lag(model)
-        lag, u = lag - stated, math.sqrt(own + model.lag_variance)
-        spread = model.sensor.spread
-        return one, LagTest(lag, u, 1.0, (lag / u) ** 2, fitted=True, spread=spread)
+        one = _answer_with_lag(model)
+        lag = one.lag - stated
+        chi2, spread = (lag / one.u) ** 2, model.sensor.spread
+        return one.answer, LagTest(lag, one.u, 1.0, chi2, fitted=True, spread=spread)
     found = model.state()
     if mode == "auto" and model.sensor != Sensor(stated):
         model.back_to((Sensor(stated), *found[1:]))
         model.learn(4)
-    if mode == "stated" or at.u > sensor_room.LAG_PRIOR:  # then nothing is known of a lag
+    if mode == "stated" or at.hidden(found[0].lag - stated):
         at = sensor_room.lag_score(model) or at
         p = sensor_room.chance_of_lag(at.lag, at.own, displaced=model.lag_variances)
         chi2 = (at.lag / at.u) ** 2
@@ -359,15 +385,15 @@ def _with_and_without_lag(
         model.back_to(other)
         model.solve()
     gain = max(model.log_evidence(model.solve()) - least, 0.0)
-    one, lag, own = _answer_with_lag(model)
-    lag, u = lag - stated, math.sqrt(own + model.lag_variance)
-    p = sensor_room.chance_of_lag(lag, own, gain, displaced=model.lag_variances)
-    chi2 = min((lag / u) ** 2, 2.0 * gain)
-    test = LagTest(lag, u, p, chi2, fitted=True, spread=model.sensor.spread)
+    one = _answer_with_lag(model)
+    gain += one.gain
+    p = sensor_room.chance_of_lag(one.read, one.own, gain, displaced=model.lag_variances)
+    chi2 = min(one.read**2 / (one.own + model.lag_variance), 2.0 * gain)
+    test = LagTest(one.lag, one.u, p, chi2, fitted=True, spread=model.sensor.spread)
     if p < 0.5:  # residuals and noise are shown for the likelier of the two
         model.back_to(without)
         model.solve()
-    return _mean_answer([p, 1.0 - p], [one, none]), test
+    return _mean_answer([p, 1.0 - p], [one.answer, none]), test
 
 
 def make_solution(

@@ -29,6 +29,7 @@ __all__ = [
     "p_values",
     "remove_weak",
     "search",
+    "seed_slip",
 ]
 
 FALSE_ALARM = 0.01
@@ -251,6 +252,23 @@ def find_slip(model: Model) -> bool:
     model.apply()
     learn_slip(model, 8)
     return True
+
+
+def seed_slip(model: Model, lengths: Sequence[float]) -> None:
+    """Give the harmonics about wavelengths in m at which the runs differ a variance, and learn it.
+
+    Where a run is long a noise model resolves such a wave as one line at each feedrate, and
+    `find_slip`, which holds it against that noise, does not see it.
+    """
+    n = model.extension.n
+    for length in lengths:
+        k = model.extension.period / length - 1.0  # as an index
+        near = np.arange(max(math.floor(k) - 1, 0), min(math.ceil(k) + 2, n))
+        if near.size:
+            model.slip[near] = np.maximum(model.slip[near], model.spectrum.variance.max())
+    if model.slip.any():
+        model.apply()
+        learn_slip(model, 8)
 
 
 def p_values(model: Model, k: IntArray, feeds: list[int]) -> tuple[FloatArray, FloatArray]:
