@@ -77,12 +77,16 @@ def _once() -> Once:
     return Once(entry.separate_runs)
 
 
+def _keep_separations(once: Once, patch: pytest.MonkeyPatch) -> None:
+    from metrosep.separation.runs import entry
+
+    patch.setattr(entry, "separate_runs", once)
+
+
 @pytest.fixture
 def separations_once(_once: Once, monkeypatch: pytest.MonkeyPatch) -> None:
     """Take a separation that this worker has made before; see `Once`."""
-    from metrosep.separation.runs import entry
-
-    monkeypatch.setattr(entry, "separate_runs", _once)
+    _keep_separations(_once, monkeypatch)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -103,6 +107,10 @@ def _uncertainties() -> dict[bytes, Any]:
 @pytest.fixture
 def uncertainties_once(_uncertainties: dict[bytes, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """Take what the residual of the same fit says of its uncertainty from this worker's first time."""
+    _keep_uncertainties(_uncertainties, monkeypatch)
+
+
+def _keep_uncertainties(_uncertainties: dict[bytes, Any], patch: pytest.MonkeyPatch) -> None:
     from metrosep.forms.points import points_of
     from metrosep.forms.result import FitResult
 
@@ -121,7 +129,7 @@ def uncertainties_once(_uncertainties: dict[bytes, Any], monkeypatch: pytest.Mon
             _uncertainties[key] = really(fit)
         return _uncertainties[key]
 
-    monkeypatch.setattr(FitResult, "_estimated", kept)
+    patch.setattr(FitResult, "_estimated", kept)
 
 
 @pytest.fixture
@@ -146,11 +154,32 @@ def command_line(monkeypatch: pytest.MonkeyPatch) -> Callable[..., CompletedProc
 @pytest.fixture
 def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write reports with empty figures, where a test reads the text or only needs the folder."""
+    _draw_nothing(monkeypatch)
+
+
+def _draw_nothing(patch: pytest.MonkeyPatch) -> None:
     import metrosep.plot
     from metrosep.plot import style
 
     for module in (metrosep.plot, style):
-        monkeypatch.setattr(module, "figure_svg", lambda *_, **__: "<svg/>")
+        patch.setattr(module, "figure_svg", lambda *_, **__: "<svg/>")
+
+
+@pytest.fixture(scope="module")
+def quick_doors(
+    request: pytest.FixtureRequest, _once: Once, _uncertainties: dict[bytes, Any]
+) -> Iterator[None]:
+    """Take separations and uncertainties that were made before and draw nothing, also in fixtures of the module.
+
+    For tests of what becomes of a result, not of whether it repeats itself; a module with ``DRAWN = True``
+    looks at figures.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        _keep_separations(_once, patch)
+        _keep_uncertainties(_uncertainties, patch)
+        if not getattr(request.module, "DRAWN", False):
+            _draw_nothing(patch)
+        yield
 
 
 @pytest.fixture(scope="session")

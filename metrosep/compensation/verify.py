@@ -770,9 +770,7 @@ def diagnosis(stack: Stack, result: Judgement, *, is_reversed: bool) -> str:
         if fits(exchanged):
             return "it would fit with its forward and reverse columns exchanged"
     if len(ways) == 2:
-        had, asked = (
-            float(v[ways[1]].mean() - v[ways[0]].mean()) for v in (paper.c, -paper.a)
-        )
+        had, asked = (float(v[ways[1]].mean() - v[ways[0]].mean()) for v in (paper.c, -paper.a))
         stepped = paper.c.copy()
         stepped[ways[1]] += asked - had
         if fits(stepped):

@@ -226,3 +226,16 @@ def by_number(name: str) -> list[tuple[int, int, str]]:
     """
     pieces = re.split(r"(\d+)", name)
     return [(1, int(p), "") if p.isdecimal() else (0, 0, p) for p in pieces]
+
+
+def comb(measured: BoolArray) -> tuple[int, int]:
+    """Return the step of the coarsest comb that holds all that was measured, in samples, and its first one.
+
+    Examples
+    --------
+    >>> comb(np.array([False, True, False, True, False, False, False, True]))
+    (2, 1)
+    """
+    at = np.flatnonzero(measured)
+    step = int(np.gcd.reduce(np.diff(at))) if at.size > 2 else 1
+    return (step, int(at[0]) % step) if step > 1 else (1, 0)

@@ -151,16 +151,17 @@ def _asphere(pairs: dict[str, str]) -> Form:
 
     norm = pairs.pop("norm_radius", None)
     given = [k for k in pairs if re.fullmatch(r"[aA]\d+", k)]
-    terms = {k.lower(): pairs.pop(k) for k in given}
-    if len(terms) < len(given):
-        raise DataError(f"asphere: one of {', '.join(sorted(given))} is given twice")
+    terms = {int(k[1:]): pairs.pop(k) for k in given}
     words = pairs.pop("terms", "").split()
     if not all(re.fullmatch(r"a?\d+", w) for w in words):
         raise DataError(f"asphere: terms are powers such as 4 6 8, got {' '.join(words)!r}")
     free = [int(w.lstrip("a")) for w in words]
+    if len({*terms, *free}) < len(given) + len(free):
+        twice = ", ".join([*sorted(given), *(["terms"] if free else [])])
+        raise DataError(f"asphere: one power is given twice in {twice}: keep one")
     values: dict[int, float | None] = dict.fromkeys(free)
-    for k, v in terms.items():
-        power = int(k[1:])
+    for power, v in terms.items():
+        k = f"a{power}"
         values[power] = (
             _per_length(v, power - 1, k) if norm is None else parameter_value(v, "m", k)
         )

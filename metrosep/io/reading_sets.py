@@ -145,7 +145,10 @@ def read_reading_set(
     except FormatMismatchError:
         raise
     except MetrosepError as error:
-        raise type(error)(f"{file.path}: {error}") from None
+        said = str(error)
+        raise type(error)(
+            said if said.startswith((f"{file.path}:", f"{file.name}:")) else f"{file.path}: {said}"
+        ) from None
 
 
 def _kind(named: Any) -> str:

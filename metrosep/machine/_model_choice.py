@@ -281,11 +281,11 @@ def exchanged_channels(problem: Problem, current: Sequence[Instrument]) -> list[
         trials_made / _CHANCE
     ):
         return []
+    sizes = f"{format_length(float(before.mean()), digits=2)} to {format_length(best, digits=2)}"
     return [
-        f"{', '.join(problem.labels[k] for k in mine)}: the readings fit "
-        f"{float(before.mean()) / max(best, 1e-300):.2g} times better with {_in_words(order)} (what is left of them "
-        f"is {format_length(float(before.mean()), digits=2)} as they stand, {format_length(best, digits=2)} so): check which sensor each "
-        "column is and which way raises it, mend the columns, and calibrate again; do not use these errors"
+        f"{', '.join(problem.labels[k] for k in mine)}: with {_in_words(order)} what the errors leave of the readings "
+        f"would fall from {sizes}; check which sensor each column is and which way raises it, mend the columns, and "
+        "calibrate again; do not use these errors"
         for order, mine in by_order.items()
     ]
 

@@ -425,13 +425,14 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     ]
     messages += harmonics_alike(problem)
     messages += sets_that_add_nothing(problem, system)
-    messages += lines_left(problem, system, fit)
-    lacks, judged = lack_of_fit(problem, current, found.good)
-    messages += lacks
-    messages += shapes_left(problem, system, fit, judged)
-    messages += factors_of_sets(problem, system, fit)
+    if not exchanged:  # else what is left is the exchange
+        messages += lines_left(problem, system, fit)
+        lacks, judged = lack_of_fit(problem, current, found.good)
+        messages += lacks
+        messages += shapes_left(problem, system, fit, judged)
+        messages += factors_of_sets(problem, system, fit)
+        messages += unequal_noise(problem, system, fit)
     messages += repeated_rows(sets, problem.labels, [*noise.values()])
-    messages += unequal_noise(problem, system, fit)
     messages += _louder(sets, problem.labels, noise)
     messages += _coarse(problem, noise)
     share = fit.beta.size * n_stated / max(system.y.size, 1)

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core._arrays import FloatArray, comb, frozen_float
 from metrosep.core.docs import documented
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import choice, positive, real
@@ -43,7 +43,6 @@ from metrosep.parameters.material_ratio import (
     core_height,
     probability_lines,
 )
-from metrosep.parameters.sections import comb
 from metrosep.parameters.table import (
     TABLE,
     Context,
@@ -230,7 +229,7 @@ def _measured_comb(surface: Surface) -> tuple[Surface, tuple[str, ...]]:
     and no pixel would have a neighbour across.
     """
     measured = ~np.isnan(surface.z)
-    (p_y, first_y), (p_x, first_x) = (comb(measured.any(axis=a)) for a in (1, 0))
+    (p_y, first_y), (p_x, first_x) = (comb(np.asarray(measured.any(axis=a))) for a in (1, 0))
     if p_y == p_x == 1:
         return surface, ()
     dx, dy = (None if s is None else p * s for p, s in ((p_x, surface.dx), (p_y, surface.dy)))

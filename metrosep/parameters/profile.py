@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from metrosep.core._arrays import comb
 from metrosep.core.docs import documented
 from metrosep.core.errors import DataError, NotConvergedError
 from metrosep.core.numbers import choice, flag, positive
@@ -35,7 +36,7 @@ from metrosep.parameters._profile_rows import (
 )
 from metrosep.parameters.arguments import PROFILE, Call, call_of, canonical, is_call, unknown
 from metrosep.parameters.material_ratio import CoreLine
-from metrosep.parameters.sections import Evaluation, comb, section_slices, sections_in, trim
+from metrosep.parameters.sections import Evaluation, section_slices, sections_in, trim
 from metrosep.parameters.table import (
     TABLE,
     Context,
@@ -393,14 +394,9 @@ def _feature_notes(work: Work, symbols: list[str], kind: str) -> list[str]:
                 f"{gaps - filled} missing samples lie in longer gaps: peaks and pits beside them are not counted, "
                 "and elements that reach into them are omitted, of wide ones more than of narrow ones."
             )
-    for of, word, names in (
-        (lambda: work.peaks, "peaks", {"5p", "10z"}),
-        (lambda: work.pits, "pits", {"5v", "10z"}),
-    ):
-        if given & names and len(of()) < FIVE:
-            notes.append(
-                f"There are {len(of())} significant {word}: their mean stands for that of five."
-            )
+    for word, names in (("peaks", {"5p", "10z"}), ("pits", {"5v", "10z"})):
+        if given & names and (n := len(work.peaks if word == "peaks" else work.pits)) < FIVE:
+            notes.append(f"There are {n} significant {word}: their mean stands for that of five.")
     return notes
 
 

@@ -273,11 +273,14 @@ class PsdVerdict:
         band = self.worst
         ratio, n = band.ratio, band.n_independent
         n_open = sum(b.verdict != "accept" for b in self.bands)
-        what = "RMS^2" if self.limit.A is None else "mean density"
+        what = f"the mean density reaches {ratio:.3g} of the limit"
+        if self.limit.A is None:
+            rms = format_length(math.sqrt(band.mean), digits=3)
+            what = f"the RMS in the band is {rms}, its square {ratio:.3g} of the limit's"
         more, less = _factors(n)
         short, long = (format_length(1.0 / f, digits=3) for f in (band.high, band.low))
         return (
-            f"{self.verdict}: {what} reaches {ratio:.3g} of the limit, at wavelengths {short} to "
+            f"{self.verdict}: {what}, at wavelengths {short} to "
             f"{long} along {self.direction} ({n:.3g} independent value{'s' if n > 1.0 else ''}, so "
             f"the true ratio lies between {ratio * less:.3g} and {ratio * more:.3g} at 5 % each); "
             f"{n_open} of {len(self.bands)} bands not accepted"

@@ -28,7 +28,6 @@ __all__ = [
     "MIN_VALID_SHARE",
     "SHORTFALL",
     "Evaluation",
-    "comb",
     "section_slices",
     "sections_in",
     "sections_that_fit",
@@ -95,19 +94,6 @@ def trim(z: FloatArray) -> slice:
             f"profile parameters need 2 valid samples or more, got {valid.size} of {z.size}"
         )
     return slice(int(valid[0]), int(valid[-1]) + 1)
-
-
-def comb(measured: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return the step of the coarsest comb that holds all that was measured, in samples, and its first one.
-
-    Examples
-    --------
-    >>> comb(np.array([False, True, False, True, False, False, False, True]))
-    (2, 1)
-    """
-    at = np.flatnonzero(measured)
-    step = int(np.gcd.reduce(np.diff(at))) if at.size > _MIN_SECTION else 1
-    return (step, int(at[0]) % step) if step > 1 else (1, 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

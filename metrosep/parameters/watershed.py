@@ -280,6 +280,8 @@ def _quadratic(wide: FloatArray, at: IntArray, reach: int) -> FloatArray:
     terms = np.stack([np.ones_like(u), u, u * u, *((v, u * v, v * v) if is_map else ())], axis=1)
     z = wide.reshape(-1).take(at[:, None] + (dy * wide.shape[1] + dx))
     w = np.where(z == z, weight, 0.0)
+    lowest = np.where(w > 0.0, z, math.inf).min(axis=1)
+    highest = np.where(w > 0.0, z, -math.inf).max(axis=1)
     z[np.isnan(z)] = 0.0
     n = (w > 0.0).sum(axis=1)
     middle = z.sum(axis=1) / np.maximum(n, 1)
@@ -297,10 +299,14 @@ def _quadratic(wide: FloatArray, at: IntArray, reach: int) -> FloatArray:
     rest = np.nonzero(~sound)[0]
     if reach == _NEAR:
         level[rest] = np.nan
+    else:
+        for i in rest:
+            level[i] += np.linalg.lstsq(gram[i], right[i], rcond=1e-6)[0][0]
+    if is_map:
         return np.asarray(level)
-    for i in rest:
-        level[i] += np.linalg.lstsq(gram[i], right[i], rcond=1e-6)[0][0]
-    return np.asarray(level)
+    # with two sides only a quadratic swings in a gap: no height is made up that none of them has
+    held: FloatArray = np.where(n > 0, np.clip(level, lowest, highest), level)
+    return held
 
 
 def _constant_term(gram: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -525,8 +525,9 @@ def _over_pixels(obj: Surface, ideal: Any, rest: Mapping[str, Any]) -> Done:
             "does not say how large they are"
         ),
     ]
-    found = _left_by(name, result)
-    return Done(result.residual, found, tuple(messages), {**facts, "parameters": {}})
+    found, left = _left_by(name, result), result.residual
+    assert isinstance(left, Surface)  # noqa: S101  # as obj is
+    return Done(left, found, tuple(messages), {**facts, "parameters": {}})
 
 
 def _filter(obj: Measured, options: Mapping[str, Any]) -> Done:

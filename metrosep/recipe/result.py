@@ -441,6 +441,7 @@ _POWERS = np.array([float(f"1e{k}") for k in range(_DECIMALS + 1)])
 _MARK = "\0numbers {}\0"
 _FOUND = re.compile(r'"\\u0000numbers (\d+)\\u0000"')
 _PLAIN = ({float}, {float, type(None)})
+_SCALARS = frozenset({float, int, str, bool, type(None)})
 
 
 def document_text(document: Mapping[str, Any]) -> str:
@@ -481,7 +482,7 @@ def _swapped(value: Any, lists: list[str]) -> Any:
         texts = _texts(list(chain.from_iterable(value)))
         lists.append(_joined(_joined(texts[i : i + n]) for i in range(0, len(texts), n)))
     else:
-        return [_swapped(v, lists) for v in value]
+        return [v if type(v) in _SCALARS else _swapped(v, lists) for v in value]
     return _MARK.format(len(lists) - 1)
 
 

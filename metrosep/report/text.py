@@ -69,7 +69,7 @@ _STAMPS: Mapping[str | None, Stamp] = {
         "INCONCLUSIVE",
         "?",
         "#7A5200",
-        "The uncertainty is too large to decide at least one check, and none is broken.",
+        "The uncertainty is too large to decide at least one check, and none is rejected.",
     ),
     None: Stamp("NO VERDICT", "–", "#555B62", "No limits were given, so nothing was decided."),
 }

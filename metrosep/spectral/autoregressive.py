@@ -62,10 +62,8 @@ class AutoregressiveModel:
             ``2 s^2 dt / |1 - sum a_j exp(-2 pi i f j dt)|^2`` in squared unit per Hz.
         """
         f = np.atleast_1d(np.asarray(frequency, dtype=np.float64))
-        lags = np.arange(1, self.order + 1)
-        transfer = (
-            1.0 - np.exp(-2j * np.pi * np.outer(f, lags) * self.time_step) @ self.coefficients
-        )
+        turn = np.exp(-2j * np.pi * f * self.time_step)  # one exponential, the others by Horner
+        transfer = 1.0 - turn * np.polyval(self.coefficients[::-1], turn)
         return np.asarray(2.0 * self.variance * self.time_step / np.abs(transfer) ** 2)
 
 

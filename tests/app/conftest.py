@@ -3,6 +3,6 @@
 import pytest
 
 
-@pytest.fixture(autouse=True)
-def _once_here(separations_once, uncertainties_once, without_figures):
-    """These tests ask what becomes of a separation, not whether it repeats itself."""
+@pytest.fixture(autouse=True, scope="module")
+def _once_here(quick_doors):
+    """These tests ask what becomes of a result, not whether it repeats itself, and read the text."""

@@ -74,6 +74,6 @@ def recipe_text() -> str:
     return RECIPE
 
 
-@pytest.fixture(autouse=True)
-def _once_here(separations_once, uncertainties_once, without_figures):
-    """These tests ask what becomes of a separation or a fit, not whether it repeats itself."""
+@pytest.fixture(autouse=True, scope="module")
+def _once_here(quick_doors):
+    """These tests ask what becomes of a result, not whether it repeats itself, and read the text."""

@@ -25,6 +25,6 @@ def metrosep(capsys):
     return call
 
 
-@pytest.fixture(autouse=True)
-def _once_here(separations_once, uncertainties_once, without_figures):
-    """These tests ask what becomes of a separation, not whether it repeats itself, and read the text."""
+@pytest.fixture(autouse=True, scope="module")
+def _once_here(quick_doors):
+    """These tests ask what becomes of a result, not whether it repeats itself, and read the text."""

@@ -52,7 +52,7 @@ COMMANDS = {
     ],
     "air": ["air --temperature '20 degC' --pressure '1013.25 hPa' --humidity '50 %'"],
     "rank": ["rank sts_lathe --form plane --radius '25 mm' --error 'EXX=1 um' --error 'EZZ=1 um'"],
-    "predict": ["predict examples/cut_path/grid.toml"],
+    "predict": ["predict examples/cut_budget/motion.toml"],
     "calibrate": [
         f"calibrate five_axis {BALL} --pivot-height '80 mm' --terms X0C,Y0C,Y0A,Z0A -o terms"
     ],

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from itertools import product
 
 import click
 import numpy as np
@@ -336,9 +337,21 @@ def waves(x, y):
     )
 
 
-@pytest.mark.parametrize("kind", ["bowl", "dome"])
-@pytest.mark.parametrize("centre", [False, True], ids=["tip", "centre"])
-@pytest.mark.parametrize("diameter", [False, True], ids=["radius", "diameter"])
+HALF = {(False, False, "bowl"), (False, True, "dome"), (True, False, "dome"), (True, True, "bowl")}
+"""Of the eight combinations: each two of the three choices meet in one of these."""
+
+
+@pytest.mark.parametrize(
+    ("diameter", "centre", "kind"),
+    [
+        pytest.param(
+            *each,
+            id="-".join((("radius", "diameter")[each[0]], ("tip", "centre")[each[1]], each[2])),
+            marks=() if each in HALF else pytest.mark.slow,
+        )
+        for each in product((False, True), (False, True), ("bowl", "dome"))
+    ],
+)
 def test_the_error_is_taken_where_the_nose_touches_the_part(
     call, tmp_path, kind, centre, diameter
 ):

@@ -75,6 +75,9 @@ def test_expression_keeps_its_formula():
         ("asphere: a4=2e-7 /mm^4", UnitError, "to the power -3, not -4"),
         ("asphere: coefficients=2", DataError, "such as a4=2e-7 /mm"),
         ("asphere: a4=1 SI, A4=2 SI", DataError, "given twice"),
+        ("asphere: a4=1 SI, a04=2 SI", DataError, "given twice"),
+        ("asphere: terms=4 6, a4=2 SI", DataError, "given twice"),
+        ("asphere: terms=4 a4", DataError, "given twice"),
         ("expression: a*x; a=", DataError, "a="),
     ],
 )

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import itertools
+import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from metrosep.machine import Ballbar, Displacement, ReadingSet, plan_calibration, presets
+from metrosep.machine import (
+    Ballbar,
+    Displacement,
+    ReadingSet,
+    calibrate,
+    plan_calibration,
+    presets,
+)
 
 TRAVEL, NOISE, PRIOR = 0.4, 1e-7, np.array([5e-6, 5e-6, 30e-6])
 LINE = np.linspace(0.0, TRAVEL, 9)
 TURN = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+SEEDS = 25
 TERMS = ["EXX", "EYY", "C0Y"]
 
 
@@ -108,3 +118,43 @@ def test_one_short_line_can_be_asked_about():
         presets("mill_xyz"), [one], volume={"X": LINE, "Y": 0.1, "Z": 0.0}, degrees=2
     )
     assert found[0][0] == "three"
+
+
+# ---- what was foretold, against readings with noise --------------------------------------------------
+
+
+@pytest.mark.parametrize("added", [("y", "long"), ("y", "short")])
+def test_what_the_plan_foretells_comes_true_with_readings(added):
+    """Of machines and readings drawn anew: the RMS of what is off over the volume, and the u that is stated."""
+    by_name = {s.name: s for s in sets()}
+    x, y = (np.array(v) for v in zip(*itertools.product(LINE, LINE), strict=True))
+    volume = {"X": x, "Y": y, "Z": np.zeros(x.size)}
+    E = np.zeros((x.size, 3, 3))
+    E[:, 0, 0], E[:, 1, 1], E[:, 0, 2] = 2.0 * x / TRAVEL, 2.0 * y / TRAVEL, -y
+    mill = presets("mill_xyz")
+    plan = plan_calibration(
+        mill, [by_name[n] for n in added], volume=volume, terms=TERMS, degrees=1, noise=NOISE,
+        done=[by_name["x"]],
+    )  # fmt: skip
+    off, stated = [], []
+    for seed in range(SEEDS):
+        rng = np.random.default_rng([seed, 61])
+        true, read = PRIOR * rng.normal(size=3), []
+        for one in (by_name[n] for n in ("x", *added)):
+            columns, own = rows_of(one)
+            values = columns @ true + own @ (20e-6 * rng.normal(size=own.shape[1]))
+            values = values + NOISE * rng.normal(size=values.size)
+            read.append(replace(one, values=values, u=NOISE))
+        found = calibrate(mill, read, terms=TERMS, degrees=1)
+        by_term = dict(
+            zip((n.split(" ")[0] for n in found.names), found.coefficients, strict=True)
+        )
+        off.append(np.einsum("nij,j->ni", E, [by_term[t] for t in TERMS] - true))
+        stated.append(found.u_at(volume))
+    foretold = plan[-1][1]
+    came = math.sqrt(np.mean(np.sum(np.square(off), axis=2)))
+    said = math.sqrt(np.mean(np.sum(np.square(stated), axis=2)))
+    # of 3 numbers and as many seeds a scatter is known to 1/sqrt(2 n)
+    assert came == pytest.approx(foretold, abs=3.0 * foretold / math.sqrt(2.0 * 3 * SEEDS))
+    # u holds the orders beyond the first too, which the plan takes as zero
+    assert foretold * 0.98 < said < 1.5 * foretold

@@ -123,7 +123,8 @@ def test_each_limit_is_a_requirement_of_its_own():
     stages = judge_values(six, rule="16%", sequential=True, **both)
     # the upper limit is settled by three values, the lower one by six
     assert (stages.verdict, len(stages.values), stages.n_outside) == ("accept", 6, 1)
-    assert "lower limit" in stages.sentence and "upper limit" in stages.sentence
+    assert "lower limit" in stages.sentence
+    assert "upper limit" in stages.sentence
     near = judge_values([1.0] * 5 + [1.15], rule="16%", U=0.1, **both)
     assert near.verdict == "accept"  # one may be beyond
 

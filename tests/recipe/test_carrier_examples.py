@@ -57,6 +57,9 @@ def rows(written, examples):
     return printed_rows(out.getvalue())
 
 
+# slow: thirteen files, each judged by runs that did not make it; what holds for each controller of its
+# own is in the contract of tests/controllers, and the six files of the recipe are judged below
+@pytest.mark.slow
 def test_each_file_of_the_carriers_cuts_a_better_part_and_a_worse_one_if_flipped(written, rows):
     names = written[1]
 
@@ -67,6 +70,7 @@ def test_each_file_of_the_carriers_cuts_a_better_part_and_a_worse_one_if_flipped
         assert flipped > 1.9 * before, name
 
 
+@pytest.mark.slow
 def test_page_of_the_carriers_says_what_the_script_prints(rows, examples):
     page = (examples / "carriers" / "README.md").read_text("utf-8")
     stated = re.findall(r"^\| ([\w, -]+) \| ([\d.]+) \| ([\d.]+) \|", page, re.MULTILINE)
@@ -77,6 +81,7 @@ def test_page_of_the_carriers_says_what_the_script_prints(rows, examples):
         assert told[name] == pytest.approx(row[1:], abs=FLIPPED_NM)
 
 
+@pytest.mark.slow
 def test_every_other_carrier_of_tables_refuses_this_one(written, tmp_path, examples):
     _, names = written
     carry = {i.id: i for i in controllers.describe() if i.carries == "table"}
@@ -257,7 +262,10 @@ def test_two_tables_that_multiply_keep_a_quarter_of_the_map(mill):
     assert rank_one(mill[1]["tables"]["Z"]).share < 0.14  # a constant is free
 
 
-@pytest.mark.parametrize("name", ["carriers", "tool_path", "volumetric_map"])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("carriers", marks=pytest.mark.slow), "tool_path", "volumetric_map"],
+)
 def test_figure_of_the_example_is_drawn(name, examples, tmp_path, request):
     folder = {"carriers": "written", "tool_path": None, "volumetric_map": "mill"}[name]
     made = [] if folder is None else [request.getfixturevalue(folder)[0]]

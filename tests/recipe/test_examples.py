@@ -75,9 +75,8 @@ NAMES = [
 ]
 
 
-@pytest.fixture
-def without_figures():
-    """Drawn here: the pages are looked at."""
+DRAWN = True
+"""The pages are looked at."""
 
 
 NO_RECIPE = {"fts_lathe/machine.toml", "volumetric_map/machine.toml", "carriers/recipe.toml"}
@@ -96,8 +95,11 @@ LONG = {
     "cut_path/torus.toml",
     "cut_path/asphere.toml",
     "cut_path/again.toml",
+    "motion_error_fourier/joint.toml",
+    "cut_budget/budget.toml",
+    "roundness_traces/recipe.toml",
 }
-"""Run by the tests of their own examples (tests/examples) as well."""
+"""Run at other doors as well (tests/examples, test_cutting_steps, app/test_machine_answers)."""
 
 
 @pytest.mark.parametrize(

@@ -22,9 +22,8 @@ DIGITS = 6e-9
 """Relative to 1 nm: half of the last printed digit of the expected values (9 digits)."""
 
 
-@pytest.fixture
-def without_figures():
-    """Drawn here: the pages are looked at."""
+DRAWN = True
+"""The pages are looked at."""
 
 
 def first_map():

@@ -270,7 +270,8 @@ def map_chart(
     mean = float(every.mean()) if measured and every.size else 0.0
     low, high, below, above = display_limits(every - mean)
     words = caption
-    if measured and every.size and abs(mean) > 0.0:
+    dust = 64 * np.finfo(np.float64).eps * np.abs(every).max(initial=0.0)  # of a pairwise sum
+    if measured and abs(mean) > dust:
         words += f" Mean {value_text(mean, unit)} subtracted."
     if below or above:
         words += f" {below} pixels below, {above} above the scale."

@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -309,8 +309,7 @@ class Solution:
         return [np.where(marked, np.nan, residual) for residual, marked in pairs]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _WithLag:
+class _WithLag(NamedTuple):
     """The mean over the splits of a lag, with what it leaves open."""
 
     answer: Answer
@@ -332,8 +331,8 @@ def _answer_with_lag(model: Model) -> _WithLag:
 
     lag, variance = mean([p.lag for p in parts], [p.variance for p in parts])
     read, own = mean([p.read for p in parts], [p.own for p in parts])
-    answer, likeliest = _mean_answer(weights, [p.answer for p in parts]), int(np.argmax(weights))
-    return _WithLag(answer, lag, math.sqrt(variance), read, own, parts[likeliest].gain)
+    one, gain = _mean_answer(weights, [p.answer for p in parts]), parts[np.argmax(weights)].gain
+    return _WithLag(one, lag, math.sqrt(variance), read, own, gain)
 
 
 def _mean_answer(weights: Sequence[float], answers: Sequence[Answer]) -> Answer:
@@ -360,8 +359,9 @@ def _with_and_without_lag(
         return model.answer(), LagTest(0.0, at.u, 0.0, 0.0, fitted=False)
     if mode == "fit":
         one = _answer_with_lag(model)
-        lag, spread = one.lag - stated, model.sensor.spread
-        return one.answer, LagTest(lag, one.u, 1.0, (lag / one.u) ** 2, fitted=True, spread=spread)
+        lag = one.lag - stated
+        chi2, spread = (lag / one.u) ** 2, model.sensor.spread
+        return one.answer, LagTest(lag, one.u, 1.0, chi2, fitted=True, spread=spread)
     found = model.state()
     if mode == "auto" and model.sensor != Sensor(stated):
         model.back_to((Sensor(stated), *found[1:]))
