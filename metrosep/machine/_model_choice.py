@@ -309,7 +309,8 @@ def _in_words(order: tuple[Sequence[int], Sequence[float]]) -> str:
         parts = [" and ".join(names[i] for i in moved) + " exchanged"] if moved else []
     if turned:
         after = ", then " if moved else ""
-        parts.append(f"{after}the sign of {' and '.join(turned)} turned")
+        what = " and ".join(filter(None, (", ".join(turned[:-1]), turned[-1])))
+        parts.append(f"{after}the sign of {what} turned")
     return "".join(parts)
 
 

@@ -797,8 +797,12 @@ def test_the_axes_that_are_asked_for_are_those_that_get_a_file(metrosep, stack):
             "'--machine x-y.output_axis=...' and '--machine x-z.output_axis=...'; output_axis: ",
         ),
         (EACH, "--machine x-y.table_index=..."),
-        ((*EACH, *APART, "--machine", "x-y.output_axis=ax1"), "--machine x-y.output_axis=..."),
-        ((*EACH, *APART, "--machine", "x-y.table_index=00"), "--machine x-y.table_index=..."),
+        (
+            (*EACH[:2], "--machine", "x-y.output_axis=ax1", *EACH[4:], *APART),
+            "--machine x-y.output_axis=...",
+        ),
+        ((*EACH, "--machine", "x-y.table_index=00", *APART[2:]), "--machine x-y.table_index=..."),
+        ((*EACH, *APART, "--machine", "x-y.table_index=3"), "x-y.table_index is given twice"),
     ],
 )
 def test_files_that_a_control_would_take_for_one_another_are_refused(metrosep, stack, facts, said):

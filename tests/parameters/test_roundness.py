@@ -462,5 +462,5 @@ def test_a_hundred_thousand_points_take_few_steps(reference, calls):
     angle = turn(100_000)
     profile = Profile(angle, 1e-6 * np.cos(2 * angle) + 1e-8 * rng.normal(size=angle.size))
     steps, result = calls(lambda: roundness_deviation(profile, reference=reference))
-    assert steps < angle.size / 50
+    assert steps < angle.size / 25  # a step a point would be 100,000
     assert reference == "LS" or result.is_optimal

@@ -507,8 +507,12 @@ _ALIKE = 1e-3
 def _require_units(target: FloatArray, found: Mapping[str, Any]) -> None:
     """Refuse readings that are the targets in number but not in unit: a table would be made of the targets."""
     for name, readings in found.items():
-        goals = target if name == "readings" else target[:, None]  # a row a run, a row a target
-        _require_other_numbers(goals, np.asarray(readings, dtype=np.float64), name)
+        values = np.asarray(readings, dtype=np.float64)
+        if values.size:  # of a direction that was not measured there are none
+            goals = (
+                target if name == "readings" else target[:, None]
+            )  # a row a run, a row a target
+            _require_other_numbers(goals, values, name)
 
 
 def _require_other_numbers(target: FloatArray, readings: FloatArray, name: str) -> None:
