@@ -15,6 +15,8 @@ from metrosep.separation import (
     register_points,
 )
 
+DRAWN = True
+
 N = 128
 ANGLE = 2 * np.pi * np.arange(N) / N
 STATED = np.radians([0.0, 20.0, 75.0, 260.0])
