@@ -305,8 +305,7 @@ def _quadratic(wide: FloatArray, at: IntArray, reach: int) -> FloatArray:
     if is_map:
         return np.asarray(level)
     # with two sides only a quadratic swings in a gap: no height is made up that none of them has
-    held: FloatArray = np.where(n > 0, np.clip(level, lowest, highest), level)
-    return held
+    return np.asarray(np.where(n > 0, np.clip(level, lowest, highest), level))
 
 
 def _constant_term(gram: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
