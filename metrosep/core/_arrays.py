@@ -231,11 +231,13 @@ def by_number(name: str) -> list[tuple[int, int, str]]:
 def comb(measured: BoolArray) -> tuple[int, int]:
     """Return the step of the coarsest comb that holds all that was measured, in samples, and its first one.
 
+    Of eleven places that lie anywhere all are on one comb once in a thousand times (2^-10); fewer show none.
+
     Examples
     --------
-    >>> comb(np.array([False, True, False, True, False, False, False, True]))
-    (2, 1)
+    >>> comb(np.arange(40) % 3 == 1)
+    (3, 1)
     """
     at = np.flatnonzero(measured)
-    step = int(np.gcd.reduce(np.diff(at))) if at.size > 2 else 1
+    step = int(np.gcd.reduce(np.diff(at))) if at.size > 10 else 1
     return (step, int(at[0]) % step) if step > 1 else (1, 0)

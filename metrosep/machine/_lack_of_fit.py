@@ -13,7 +13,8 @@ Beyond the orders that were fitted each motion g may go on: its further orders a
 falls with the order n as ``lambda n^-2s`` (s = 0 has no shape, 1 is a curve with jumps, 2 one with corners).
 How large it is (lambda), s, and the drift beside it are not known: all are taken by their restricted
 likelihood. With b the coefficients and D what a curve shifts them by (``b = b0 - D g``), the estimate is the
-mean of ``(b0 - D g, g)`` over all of them, and u^2 their variance about it.
+mean of ``(b0 - D g, g)`` over all of them, and u^2 their variance about it. Motions of several sizes may each
+explain the same residual; then the estimate stays at b0, and u^2 holds the mean square of each.
 """
 
 from __future__ import annotations
@@ -404,12 +405,16 @@ def beyond_orders(
         begin += places[name].size
         bases[name] = _joined(bases[name], basis)
         at[name] = np.append(at[name], P + places[name])
-    for names in _alike(problem, further):
+    groups = list(_alike(problem, further))
+    for names in groups:
         mine = np.concatenate([places[n] for n in names])
         shapes = _shapes(cases, mine, [further[n] for n in names])
         of_all += shapes
         whole = np.append(np.arange(P), P + mine)
         one, part = _over_shapes(cases, mine, shapes)
+        if len(groups) > 1:
+            # each group alone explains the same residual: their means together would take it several times
+            one, part = np.zeros_like(one), part + np.outer(one, one)
         T = np.zeros((whole.size, part.shape[0]))
         T[:P, : -mine.size], T[P:, -mine.size :] = to_all, np.eye(mine.size)
         mean[whole] += T @ one

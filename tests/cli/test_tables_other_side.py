@@ -475,8 +475,7 @@ def test_a_file_of_the_control_that_was_active_is_added_to(
 @pytest.mark.parametrize(
     ("targets", "readings", "units"),
     [
-        ("mm", "um", "mm and um"),
-        ("mm", "nm", "mm and nm"),
+        ("mm", "um", "mm and um, or m and mm"),
         ("in", "mm", "inches and mm"),
         ("mm", "in", "inches and mm"),
     ],

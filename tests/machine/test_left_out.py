@@ -146,3 +146,34 @@ def test_u_of_places_is_that_of_the_curve():
 def test_a_degree_that_takes_all_places_leaves_nothing_to_judge():
     found = calibrated(lambda t: 1e-6 * t**2, 2, places=np.linspace(0.0, 1.0, 5), degree=4, runs=3)
     assert found.errors["EXX"].sd(REACH).item() < 3.0 * NOISE
+
+
+def test_a_wave_that_two_axes_could_have_is_not_given_to_both():
+    """Read along the diagonal of X and Y each of them alone explains it: the curves were off by as much, with u of 1 um."""
+    along = np.linspace(0.0, 0.4, 41)
+    places = np.concatenate([along, along[::-1], along])
+    truth = 5e-6 * np.sin(2 * np.pi * places / 0.05)  # of X only
+    noise = 0.1e-6 * np.random.default_rng(3).normal(size=(2, places.size))
+    half = 2**-0.5
+    sets = [
+        ReadingSet(
+            Displacement(direction=(half, half, 0.0)),
+            {"X": places, "Y": places, "Z": 0.0},
+            truth * half + noise[0],
+            name="diagonal",
+        ),
+        ReadingSet(
+            Displacement(direction=(1, 0, 0)),
+            {"X": places, "Y": 0.1, "Z": 0.0},
+            truth + noise[1],
+            name="x",
+        ),
+    ]
+    x = np.linspace(0.02, 0.38, 60)
+    wave = 5e-6 * np.sin(2 * np.pi * x / 0.05)
+    for some in (sets[:1], sets):
+        found = calibrate(presets("mill_xyz"), some, terms=["EXX", "EYY"], degrees=3).fitted
+        of_x, of_y = (found[name].evaluate(x) for name in ("EXX", "EYY"))
+        assert -0.05 < (of_x + of_y) @ wave / (wave @ wave) < 1.05  # once at most
+        assert abs(of_y @ wave / (wave @ wave)) < 0.6  # half of it, where only the sum is seen
+        assert np.mean(np.abs(of_x - wave) < 3.0 * found["EXX"].sd(x)) > 0.95

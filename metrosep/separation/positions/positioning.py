@@ -491,9 +491,8 @@ def _require_kind(
 
 
 _MISTAKEN = {
-    1e-3: "mm and um",
-    1e-6: "mm and nm",
-    1e3: "mm and um",
+    1e-3: "mm and um, or m and mm",
+    1e3: "mm and um, or m and mm",
     1 / 25.4: "inches and mm",
     25.4: "inches and mm",
     1 / 60: "degrees and minutes of arc",
