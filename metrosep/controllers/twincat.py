@@ -247,6 +247,8 @@ class TwinCAT(Repeating, Resampling):
         if one.way:
             two = _take(rest, layout, path, None)
             ways[two.way] = two
+            if one.facts == f"{two.name}Parameter" or two.facts == f"{one.name}Parameter":
+                raise damaged(path, "each table must be followed by its own parameters")
             if {*ways} != {1, -1} or two.modulo != one.modulo or (two.p != one.p).any():
                 raise damaged(
                     path,
@@ -275,6 +277,7 @@ class _Declared:
     c: FloatArray
     way: int  # 1, -1, or 0 for both directions
     modulo: bool
+    facts: str  # name of the structure that says them
 
 
 def _texts(values: FloatArray, *, turns: bool) -> list[str]:
@@ -341,7 +344,9 @@ def _take(text: Text, layout: dict[str, Line], path: Path, wanted: str | None) -
         )
     table = np.array([(row["p"], row["c"]) for row in found]).reshape(-1, 2)
     _require_frame(table, [row["comma"] for row in found], opened["size"], closed, path)
-    return _Declared(wanted, table[:, 0], table[:, 1], closed["direction"], closed["modulo"])
+    return _Declared(
+        wanted, table[:, 0], table[:, 1], closed["direction"], closed["modulo"], closed["name"]
+    )
 
 
 def _turns(notes: list[str], rows: list[str]) -> bool | None:

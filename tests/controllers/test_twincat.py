@@ -271,3 +271,18 @@ class TestTwinCAT(DialectContract):
         ("Position := -10", "Position := 10"),
         ("0.001500000", "0,001500000"),
     )
+
+
+def test_parameters_of_the_other_direction_are_refused():
+    """The direction stands in them: exchanged they turn forward and reverse."""
+    p, c = [-10e-3, 0.0, 10e-3], np.array([1.5e-6, 0.0, -2e-6])
+    table = CompensationTable(p, c, 2.0 * c, "X", "X", 0.0)
+    text = encode(table, bidirectional=True).data.decode("ascii")
+    decode(text.encode("ascii"))
+    swapped = re.sub(
+        r"CompTable(Reverse)?Parameter",
+        lambda m: "CompTableParameter" if m[1] else "CompTableReverseParameter",
+        text,
+    )
+    with pytest.raises(CorruptFileError, match="its own parameters"):
+        decode(swapped.encode("ascii"))
