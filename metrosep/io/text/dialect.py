@@ -190,12 +190,10 @@ def is_comment(line: str, prefix: str | None = None) -> bool:
         return text.startswith(prefix)
     if text.startswith(("#", "%", "!", "//")):
         return not is_error_cell(text)  # else a row whose first cell has no value
-    if re.match(r";[^;\s]+[^;]*;", text):
+    if not text.startswith(";") or re.match(r";[^;\s]+[^;]*;", text):
         return False  # names or values behind an empty field
-    if text.startswith(";"):
-        rest = text.lstrip("; \t")
-        return bool(rest) and not NUMBER_LIKE.match(rest)
-    return False
+    rest = text.lstrip("; \t")
+    return bool(rest) and not NUMBER_LIKE.match(rest)
 
 
 def is_number(field: str, decimal: str) -> bool:
