@@ -25,10 +25,20 @@ from metrosep.separation.runs.geometry import (
 )
 from metrosep.separation.runs.noise import level_spread
 
-__all__ = ["PLACED", "Answer", "Model", "Posterior", "RunEquations", "Slip", "Wave", "averaged"]
+__all__ = [
+    "DONE",
+    "PLACED",
+    "Answer",
+    "Model",
+    "Posterior",
+    "RunEquations",
+    "Slip",
+    "Wave",
+    "averaged",
+]
 
-_DONE = 0.03
-"""A learning ends when no knot of ln s^2 moves by more."""
+DONE = 0.03
+"""A learning ends when no knot of ln s^2, or logarithm of a variance, moves by more."""
 
 _CAP = 4.0
 """Largest (a^2 + b^2)/s^2 of one harmonic for a broad part that must not swallow a line."""
@@ -411,7 +421,7 @@ class Model:
             score, information = self.scores(post, cap=cap)
             change = self.spectrum.step(score, information)
             self._learn_waves(post)
-            if change < _DONE:
+            if change < DONE:
                 break
         self.solve()
 

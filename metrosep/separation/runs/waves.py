@@ -19,7 +19,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray, IntArray, benjamini_hochberg
 from metrosep.separation.runs.geometry import HELD_SHARE, filtered
-from metrosep.separation.runs.posterior import Answer, Model, Slip, Wave
+from metrosep.separation.runs.posterior import DONE, Answer, Model, Slip, Wave
 
 __all__ = [
     "FoundWave",
@@ -367,10 +367,13 @@ def learn_slip(model: Model, rounds: int) -> None:
             d = inverse @ (columns.T @ run.right - held @ filtered(model.post.theta, h))
             doubt = inverse @ (held @ model.post.full_root)
             total += d**2 + np.diag(inverse) + np.sum(doubt**2, axis=1)
+        before = np.array([s.variance for s in model.slip])
         pairs = total.reshape(-1, 2).sum(axis=1) / (2.0 * len(model.runs))
         for slip, variance in zip(model.slip, pairs, strict=True):
             slip.variance = max(float(variance), 1e-10)
         model.apply()
+        if np.abs(np.log(pairs / before)).max() < DONE:
+            break
     model.solve()
 
 
