@@ -699,7 +699,9 @@ def test_readings_that_are_not_those_of_the_positions_are_refused():
     for wrong in (-x, x * 900.0, x + 0.5):
         with pytest.raises(MetrosepError, match="from its position; check the units"):
             laser_positions(x, wrong, setup=setup)
-    with pytest.raises(MetrosepError, match=r"the unit of a column is wrong \(mm and um, or m and mm\)"):
+    with pytest.raises(
+        MetrosepError, match=r"the unit of a column is wrong \(mm and um, or m and mm\)"
+    ):
         laser_positions(x, x * 1e3, setup=setup)
     with pytest.raises(MetrosepError, match="2 readings for 3 positions"):
         laser_positions(x, [0.0, 0.1], setup=setup)
