@@ -252,7 +252,7 @@ def separation_of(produced: Separation, inputs: Any = None) -> Description:
             found[name] = quantity(values, unit, text, u=u, symbol=name)
         else:
             whole = produced.covariance(name) if name in produced.modes else None
-            found |= extremes(name, values, u, unit, whole)
+            found |= extremes(name, produced.about_what_is_seen(name), u, unit, whole)
     maps = _maps(produced)
     document = produced.to_dict()
     size = sum(v.size for v in produced.parts.values())
