@@ -330,7 +330,7 @@ class Separation(PublicObject):
 
     def _one_line(self, name: str) -> str:
         """Return P-V (or the value of a single number) and the usual uncertainty of a point."""
-        values, unit = self.parts[name], self.units[name]
+        values, unit = about_what_is_seen(self, name), self.units[name]
         known = values[np.isfinite(values)]
         if known.size == 0:
             return "not determined"
@@ -558,6 +558,19 @@ class Unobservable:
             Its keys.
         """
         return cls(data["part"], data["kind"], tuple(data["indices"]), data["reason"])
+
+
+def about_what_is_seen(found: Separation, name: str) -> FloatArray:
+    """Return a part, a curve less the polynomial of the degrees that nobody sees."""
+    values = found.parts[name]
+    unseen = [i for i in found.null_space if i.part == name and i.kind == "polynomial"]
+    degrees = [int(k) for item in unseen for k in item.indices]
+    x = next((v for v in found.coordinates.values() if v.shape == values.shape), None)
+    known = np.isfinite(values)
+    if values.ndim != 1 or x is None or 1 not in degrees or known.sum() <= len(degrees):
+        return values
+    fit = np.polynomial.Legendre.fit(x[known], values[known], max(degrees))
+    return np.asarray(values - fit(x), dtype=float)
 
 
 def suppressed_harmonics(null_space: Iterable[Unobservable], part: str | None = None) -> list[int]:

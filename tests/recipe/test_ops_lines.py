@@ -402,3 +402,31 @@ def test_long_curves_are_thinned_in_the_document_and_whole_in_the_file(table, tm
     assert min(drawn) == pytest.approx(float(np.min(small.produced.height)), rel=1e-5, abs=0.0)
     rows = (tmp_path / "small" / "parts.csv").read_text("ascii").splitlines()
     assert len(rows) == 40_001
+
+
+@pytest.mark.parametrize(
+    ("step", "probes"),
+    [
+        (f'op = "three_point"\nzero = "0 nm"\ndistance = ["{D * 1e3} mm"]', 3),
+        (f'op = "two_point"\ndistance = "{D * 1e3} mm"', 2),
+    ],
+)
+def test_the_straightness_of_a_carriage_does_not_depend_on_how_the_edge_lies(table, step, probes):
+    found = []
+    for lie in (0.0, 3e-6, -8e-6):  # rad; the readings cannot tell it from the way of the carriage
+        at = [edge(X + k * D) + lie * (X + k * D) + slide(X) for k in range(probes)]
+        at = [v + k * D * pitch(X) * (probes > 2) for k, v in enumerate(at)]
+        file = table(x_mm=X * 1e3, **{f"p{k}_nm": v * 1e9 for k, v in enumerate(at)})
+        names = ", ".join(f'"p{k}_nm"' for k in range(probes))
+        result = run(
+            f'[input]\nreadings = [{names}]\nx = "x_mm"\n[[step]]\n{step}\nu_reading = "1 nm"',
+            [file],
+        )
+        metrics = {c["metric"]: c for c in result.document["characteristics"]}
+        found.append(metrics["straightness.pv"])
+    line = slide(X) - np.polyval(np.polyfit(X, slide(X), 1), X)
+    for pv in found:
+        assert pv["value"] == pytest.approx(
+            np.ptp(line), abs=2e-12
+        )  # rounding of the file, in chains
+        assert pv["u"] > 0.0

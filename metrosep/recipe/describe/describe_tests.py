@@ -24,7 +24,11 @@ from metrosep.recipe.describe.charts import (
     thin,
 )
 from metrosep.recipe.describe.description import Description, extremes, named, quantity
-from metrosep.separation.contract import Separation, suppressed_harmonics
+from metrosep.separation.contract import (
+    Separation,
+    about_what_is_seen,
+    suppressed_harmonics,
+)
 
 __all__ = [
     "diagonals_of",
@@ -252,7 +256,7 @@ def separation_of(produced: Separation, inputs: Any = None) -> Description:
             found[name] = quantity(values, unit, text, u=u, symbol=name)
         else:
             whole = produced.covariance(name) if name in produced.modes else None
-            found |= extremes(name, values, u, unit, whole)
+            found |= extremes(name, about_what_is_seen(produced, name), u, unit, whole)
     maps = _maps(produced)
     document = produced.to_dict()
     size = sum(v.size for v in produced.parts.values())
