@@ -376,8 +376,11 @@ def _positions(
         inside = here[(here >= first - near) & (here <= last + near)]
         most = max(((p >= first) & (p <= last)).sum() for p in places)
         listed = _FEWEST <= inside.size < _GRID_POINTS and 2 * inside.size > most
-        here = np.clip(inside, first, last)
-        grids.append(here if listed else np.linspace(first, last, n))
+        # where the runs go on beyond the table, its end counts between the targets beside it
+        here = np.unique(np.clip(inside, first, last))
+        apart = (1.0 - COVERED) * (last - first) / max(here.size - 1, 1)
+        ends = [end for end in (first, last) if (np.abs(here - end) > apart).all()]
+        grids.append(np.union1d(here, ends) if listed else np.linspace(first, last, n))
     return tuple(grids)
 
 

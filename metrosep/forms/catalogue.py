@@ -17,6 +17,8 @@ from metrosep.forms.base import Form
 
 __all__ = ["form_from_text", "form_names", "parameter_value"]
 
+_NUMBER = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*")
+_PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻\u2212", "0123456789--")
 _SI = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*SI\s*$")
 _DIMENSIONS = {"m": "length", "rad": "angle"}
 _PER = re.compile(
@@ -91,14 +93,20 @@ def parameter_value(text: str, unit: str, name: str) -> float:
 
 def _per_length(text: str, power: int, name: str) -> float:
     """Return a coefficient in m^-power, of "200 SI" or "2e-7 /mm^3"."""
-    match = _PER.fullmatch(text)
+    match = _PER.fullmatch(text.translate(_PLAIN))
     if match is None:
         if _SI.match(text):
             return parameter_value(text, "", name)
         wanted = "/mm" if power == 1 else f"/mm^{power}"
+        of_si = f"SI behind a number in {'1/m' if power == 1 else f'm^-{power}'}"
+        if _NUMBER.fullmatch(text):
+            raise UnitError(
+                f"{name} is {text!r}: give its unit, such as {text.strip()} {wanted}, or {of_si}"
+            )
         raise UnitError(
-            f"{name} is {text!r}: give its unit, such as {text.split(maxsplit=1)[0]} {wanted}, or SI behind "
-            f"a number in {'1/m' if power == 1 else f'm^-{power}'}"
+            f"{name} is {text!r}: write a number per length{'' if power == 1 else f' to the power {power}'}, "
+            f"such as 2e-7 {wanted}, without blanks in it, or {of_si}; a length is a coefficient only with "
+            "norm_radius="
         )
     number, above, below = match[1], match[2] or match[4], int(match[3] or match[5] or 1)
     if below != power:
@@ -113,8 +121,14 @@ def _pairs(rest: str, text: str) -> dict[str, str]:
     pairs: dict[str, str] = {}
     for part in filter(None, (p.strip() for p in rest.split(","))):
         key, _, value = (p.strip() for p in part.partition("="))
+        if "=" in value:
+            raise DataError(f"{text!r}: {part!r} holds two values: a comma stands between values")
         if not key or not value:
-            hint = f"; name the value, such as R={part}" if part[:1].isdigit() else ""
+            hint = ""
+            if part[:1].isdigit() and pairs:
+                hint = "; numbers have a decimal point, and several powers are written terms=4 6 8"
+            elif part[:1].isdigit():
+                hint = f"; name the value, such as R={part}"
             raise DataError(
                 f"{text!r}: expected key=value between the commas, found {part!r}{hint}"
             )
@@ -152,6 +166,7 @@ def _asphere(pairs: dict[str, str]) -> Form:
     norm = pairs.pop("norm_radius", None)
     given = [k for k in pairs if re.fullmatch(r"[aA]\d+", k)]
     terms = {int(k[1:]): pairs.pop(k) for k in given}
+    Asphere(coefficients=dict.fromkeys(terms))  # powers first: the unit follows from them
     words = pairs.pop("terms", "").split()
     if not all(re.fullmatch(r"a?\d+", w) for w in words):
         raise DataError(f"asphere: terms are powers such as 4 6 8, got {' '.join(words)!r}")

@@ -880,3 +880,38 @@ def test_a_list_of_twincat_that_closes_on_its_last_row_is_added_to(tmp_path, met
     at, c = np.array(found, float).T
     assert np.array_equal(at, p)
     assert np.abs(1e3 * c - (held - error)).max() < 0.02, "um: noise of 5 nm, and 4.6 um of shift"
+
+
+@pytest.mark.parametrize("moved", [0.0, 8e-5])  # inches of five decimals round by up to 0.13 um
+def test_the_last_target_counts_where_it_lies_a_rounding_beyond_the_table(
+    tmp_path, metrosep, moved
+):
+    out = tmp_path / "x.comp"
+    first = laser_file(tmp_path / "first.csv", trims(None), seed=41)
+    assert metrosep("table", first, *NAMES, *SENSE, "-o", out)[0] == 0
+    rows = (tmp_path / "first.csv").read_text().splitlines()
+    far = [row.replace(";400.0000;", f";{TRAVEL + moved:.5f};") for row in rows[1:]]
+    second = tmp_path / "second.csv"
+    second.write_text("\n".join([rows[0].replace("cycle", "lap"), *far]) + "\n")
+    given = ["--against", second, *NAMES[:-2], *SENSE, "--cycle", "lap", "--json"]
+    code, printed, told = metrosep("verify", out, *given)
+    assert code == 0, told
+    forward = next(d for d in json.loads(printed)["residuals"] if d["direction"] == "forward")
+    errors = machine(TARGETS, 1)
+    assert forward["before_pv_m"] == pytest.approx(
+        np.ptp(errors) * 1e-3, abs=20e-9
+    )  # 9 u of a P-V
+
+
+def test_a_table_that_ends_between_targets_is_judged_up_to_its_end(tmp_path, metrosep):
+    first = laser_file(tmp_path / "first.csv", trims(None), seed=42)
+    out = tmp_path / "x.csv"
+    spaced = ["--spacing", "38 mm", "--format", "csv", "--json", "-o", out]  # 0 ... 380 mm
+    code, printed, told = metrosep("table", first, *NAMES, *SENSE, *spaced)
+    assert code == 0, told
+    assert np.loadtxt(out, delimiter=",", skiprows=1)[-1, 0] == 380.0
+    end = np.interp(380.0, TARGETS, machine(TARGETS, 1))  # as the page has it: linear between
+    errors = np.append(machine(TARGETS[TARGETS < 380.0], 1), end)
+    judged = json.loads(printed)["verification"]["residuals"]
+    forward = next(d for d in judged if d["direction"] == "forward")
+    assert forward["before_pv_m"] == pytest.approx(np.ptp(errors) * 1e-3, abs=20e-9)

@@ -43,7 +43,18 @@ def test_coefficients_of_an_asphere():
     assert form.parameters["a6"] is None
 
 
-@pytest.mark.parametrize("a4", ["A4=2e-7 /mm^3", "a4=2e-7 mm^-3", "a4=2E-7 1/mm3", "a4=200 SI"])
+@pytest.mark.parametrize(
+    "a4",
+    [
+        "A4=2e-7 /mm^3",
+        "a4=2e-7 mm^-3",
+        "a4=2E-7 1/mm3",
+        "a4=200 SI",
+        "a4=2e-7 /mm³",
+        "a4=2e-7 mm⁻³",
+        "a4=2e-7 1/mm³",
+    ],
+)
 def test_coefficients_of_an_asphere_have_the_unit_of_the_drawing(a4):
     form = form_from_text(f"asphere: R=40 mm, k=-1, {a4}, a6=-3e-10 /mm^5, a2=1e-3 /mm")
 
@@ -70,7 +81,18 @@ def test_expression_keeps_its_formula():
         ("plane: tilt=1", DataError, "no parameters"),
         ("polynomial: degree=two", DataError, "degree is 'two'"),
         ("zernike: order=latin", DataError, "order"),
-        ("asphere: a4=3 mm", UnitError, "such as 3 /mm"),
+        ("asphere: a4=3 mm", UnitError, r"such as 2e-7 /mm\^3.* only with norm_radius="),
+        ("asphere: a4=2 e-7 /mm^3", UnitError, r"such as 2e-7 /mm\^3, without blanks"),
+        (
+            "asphere: a4=2e-7 mm³",
+            UnitError,
+            r"a number per length to the power 3, such as 2e-7 /mm\^3",
+        ),
+        ("asphere: a4=2*10^-7 /mm^3", UnitError, r"such as 2e-7 /mm\^3"),
+        ("asphere: a4=2,0e-7 /mm^3", DataError, "numbers have a decimal point"),
+        ("asphere: terms=4,6", DataError, "terms=4 6 8"),
+        ("asphere: a1=2", DataError, "power of an asphere is an integer from 2 to 40, got 1"),
+        ("asphere: R=50 mm; a4=2e-7 /mm^3", DataError, "a comma stands between values"),
         ("asphere: a4=2e-7", UnitError, r"such as 2e-7 /mm\^3, or SI"),
         ("asphere: a4=2e-7 /mm^4", UnitError, "to the power -3, not -4"),
         ("asphere: coefficients=2", DataError, "such as a4=2e-7 /mm"),

@@ -147,6 +147,22 @@ def test_index_step_brings_the_artefact_angle_that_the_sign_convention_says():
         np.testing.assert_allclose(found.spindle, 0.0, rtol=0, atol=1e-20)
 
 
+@pytest.mark.parametrize(("steps", "revolutions"), [(7, 1), (3, 4)])
+def test_steps_of_the_other_sense_are_noticed(steps, revolutions):
+    rng = np.random.default_rng(steps)
+    r, s = ([(k, 1e-7, rng.uniform(0, 6)) for k in ks] for ks in ((2, 5, 11), (2, 4)))
+    for turn in (1, -1):
+        m = step_readings(r, s, -turn * angles_of(steps))[:, None]
+        m = m + 1e-9 * rng.standard_normal((steps, revolutions, N))
+        wrong = multistep(m, kmax=20, turn=turn)
+        assert any(f"fit turn={-turn} much better" in text for text in wrong.messages)
+        assert not any("centred anew" in text for text in wrong.messages)
+        right = multistep(m, kmax=20, turn=-turn)
+        assert not any("much better" in text for text in right.messages)
+    noise = [multistep(1e-9 * rng.standard_normal((steps, N)), kmax=20) for _ in range(40)]
+    assert not any("much better" in text for result in noise for text in result.messages)
+
+
 def test_noise_of_both_parts_is_that_of_a_reading_over_root_n():
     found = multistep(np.zeros((9, N)), steps=9, kmax=40, u_reading=3e-9)
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -240,7 +240,8 @@ class MultistepRoundness(CircleMethod):
             )
         messages += _drift_left(self, rate, u_rate, positions * turns - 2, u_spindle)
         messages += _wide_index(self)
-        messages += _first_harmonic(self, rest, float(np.abs(mean).max()))
+        wrong = _other_turn(self, mean, rest)
+        messages += wrong or _first_harmonic(self, rest, float(np.abs(mean).max()))
         power = np.sum(np.abs(rest[:, seen]) ** 2, axis=1)
         free = self.eccentricity == "free"
         return self._result(
@@ -512,5 +513,22 @@ def _first_harmonic(method: MultistepRoundness, rest: ComplexArray, size: float)
     text = (
         "k = 1 differs from step to step far more than other undulations: if the artefact was "
         "centred anew, give eccentricity='free'"
+    )
+    return [text]
+
+
+def _other_turn(method: MultistepRoundness, mean: ComplexArray, rest: ComplexArray) -> list[str]:
+    """Warn where steps of the other sense leave less than a third of what the positions disagree by."""
+    other = _geometry(replace(method, turn=-1 if method.turn == 1 else 1))
+    r, s = np.einsum("akp,pk->ak", other.rows, mean)
+    left = math.sqrt(float(np.nansum(np.abs(mean - other.phase.T * r - s) ** 2)))
+    given = math.sqrt(float(np.nansum(np.abs(rest) ** 2)))
+    if len(mean) < 3 or not 3.0 * max(left, _ROUNDING * float(np.abs(mean).max())) < given:
+        return []
+    text = (
+        f"the readings fit turn={-method.turn} much better ({left / given:.2g} of what the positions "
+        f"disagree by is left): turn={method.turn} says that a step brings points of "
+        f"{'larger' if method.turn == 1 else 'smaller'} artefact angle to the probe, and a wrong "
+        "turn spoils the artefact"
     )
     return [text]

@@ -368,7 +368,7 @@ def _check_alone(index: int, run: Run, found: Findings) -> float:
     for at, side in ((values.size - 1, "largest"), (0, "smallest")):
         near = counts[max(at - 3, 0) : at] if at else counts[1:4]
         same = z == values[at]
-        row = max((int(s) for i, s in streaks if same[i]), default=0)
+        row = int(streaks[same[streaks[:, 0]], 1].max(initial=0))
         often = counts[at] >= max(3, _LIMIT_SHARE * n) and (row >= 3 or counts[at] > 4)
         often = often and near.size == 3  # fewer values are a coarse step, not a limit
         if often and counts[at] > _LIMIT_PEAK * float(near.mean()):
