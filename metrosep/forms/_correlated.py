@@ -88,7 +88,6 @@ class Estimate:
     length: float
     bounded: bool = False  # u of some parameters is a bound by the energy of the residual
     lay: float = 1.0  # of a narrow map: slopes across it over those along it
-    is_white: bool = False  # of a map: not even neighbours hang together
 
 
 def student(dof: float, share: float) -> float:
@@ -172,10 +171,7 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
         if n_effective < 2 * p:
             return _unknown(p, n_effective)
         length = 0.5 * b_x * area if is_line else np.sqrt(b_y * b_x * area / np.pi)
-        is_white = not is_line and area < np.pi  # cells of less than a step in radius
-        return Estimate(
-            cov * level**2, dof, n_effective, float(length), found.is_bounded, lay, is_white
-        )
+        return Estimate(cov * level**2, dof, n_effective, float(length), found.is_bounded, lay)
 
 
 class NoiseModel(Protocol):

@@ -202,7 +202,6 @@ class FitResult(PublicObject):
             *self._too_few(),
             *self._bounded(),
             *self._laid(),
-            *self._hidden(),
         )
 
     def _unsettled(self) -> list[str]:
@@ -243,17 +242,6 @@ class FitResult(PublicObject):
             f"the deviations run along this narrow map (their slopes across it are {ratio:.2g} times those along "
             "it), and u may be too small by a factor of two: on strips of 8 to 16 rows with such a lay U held 60 "
             "to 90 % of the errors instead of 95 %; state U, or measure a wider map"
-        )
-        return [text]
-
-    def _hidden(self) -> list[str]:
-        """Return a sentence where the noise may hide what a form takes up."""
-        if not self.names or not self._estimate.is_white or not np.isfinite(self.dof_effective):
-            return []
-        text = (
-            "the residual is nearly white, and a waviness as long as the map with a tenth to a third of its RMS "
-            "leaves hardly a trace in it: U then holds 60 to 90 % of the errors; where the reference or drift may "
-            "leave one, give it a line of the budget"
         )
         return [text]
 
