@@ -136,7 +136,23 @@ def as_options(
     if "table_direction" in names:  # --direction names a column of the runs
         ways = r"direction=(['\"])(auto|both|split|forward|reverse)\1"
         message = re.sub(rf"(?<![\w.-]){ways}", r"--table-direction \2", message)
-    return re.sub(r"(?<![\w.-])([a-z_]+)=(?:(['\"])(.*?)\2|([\w.+-]+))?", option, message)
+    message = re.sub(r"(?<![\w.-])([a-z_]+)=(?:(['\"])(.*?)\2|([\w.+-]+))?", option, message)
+    return bare_options(message, names)
+
+
+def bare_options(message: str, names: Iterable[str]) -> str:
+    """Return a message in which names of two words and more, such as max_filled, are those of options.
+
+    A word that is quoted, part of a path, or a key with its value stays.
+
+    Examples
+    --------
+    >>> bare_options("crop, or raise max_filled", ("max_filled", "limit"))
+    'crop, or raise --max-filled'
+    """
+    words = "|".join(sorted((n for n in names if "_" in n.strip("_")), reverse=True))
+    bare = rf"(?<![\w.\-\"'`/\[])({words})(?![\w.]*[\"'`/=\](]|\w| = )"
+    return re.sub(bare, lambda m: "--" + m[1].replace("_", "-"), message) if words else message
 
 
 def exit_code_of(error: BaseException) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from metrosep.cli.errors import bare_options
 from metrosep.cli.options import name_values, whole
 from metrosep.core.readable import did_you_mean
 from metrosep.core.text_options import TEXT_OPTIONS
@@ -296,8 +297,12 @@ def option_error(
         option = f"--set {key}"
     elif key in columns:
         option = f"--column {key}"
-    if message.startswith(f"{key} = "):
-        return f"{option} {message.removeprefix(f'{key} = ')}"
+    context = click.get_current_context(silent=True)
+    if message.startswith((f"{key} = ", f"{key} ")):
+        message = f"{option} {message.removeprefix(key).removeprefix(' =').lstrip()}"
+        key = ""
+    if context is not None:
+        message = bare_options(message, {p.name for p in context.command.params if p.name})
     return f"{option}: {message}" if key else message
 
 

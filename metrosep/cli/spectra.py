@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +80,10 @@ def psd(
     except RecipeError as exc:
         said = option_error(exc).replace(": limit: ", ": ", 1)
         raise click.UsageError(said, ctx=click.get_current_context()) from None
-    measured = measure_object(recipe, read_aloud(file, reading))
+    try:
+        measured = measure_object(recipe, read_aloud(file, reading))
+    except RecipeError as exc:
+        raise RecipeError(re.sub(r"^(--op: )?step \d+ \(\w+\): ", "", option_error(exc))) from None
     found = measured.stages[-1].detail
     bands = measured.stages[-1].audit["bands"]
     if as_json:

@@ -87,6 +87,8 @@ class Estimate:
     n_effective: float
     length: float
     bounded: bool = False  # u of some parameters is a bound by the energy of the residual
+    lay: float = 1.0  # of a narrow map: slopes across it over those along it
+    is_white: bool = False  # of a map: not even neighbours hang together
 
 
 def student(dof: float, share: float) -> float:
@@ -139,8 +141,10 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
             return Estimate(inverse @ inverse.T, float(N - p), float(N), 0.0)
         here = whole = good
         b = -(-max(r.shape) // _SIDE_B)
-        if narrowness(x[good], y[good]) < NARROW:  # as many blocks as a square has
+        lay = 1.0
+        if not is_line and narrowness(x[good], y[good]) < NARROW:  # as many blocks as a square has
             b = min(b, int(np.ceil(np.sqrt(N) / _SIDE_B)))
+            lay = _across_over_along(points, residual)
         if not is_line and b > 1:
             few = _blocks(x, y, J, r, b, b)
             within = ~np.isnan(few[3])
@@ -168,7 +172,10 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
         if n_effective < 2 * p:
             return _unknown(p, n_effective)
         length = 0.5 * b_x * area if is_line else np.sqrt(b_y * b_x * area / np.pi)
-        return Estimate(cov * level**2, dof, n_effective, float(length), found.is_bounded)
+        is_white = not is_line and area < np.pi  # cells of less than a step in radius
+        return Estimate(
+            cov * level**2, dof, n_effective, float(length), found.is_bounded, lay, is_white
+        )
 
 
 class NoiseModel(Protocol):
@@ -320,6 +327,20 @@ def _two_of_each(n: int, b: int) -> NDArray[np.intp]:
     return np.asarray(
         np.rint(np.column_stack([middle - half, middle + half])).astype(np.intp).ravel()
     )
+
+
+def _across_over_along(points: Points, residual: FloatArray) -> float:
+    """Return the RMS slope across a narrow map over that along it, of neighbours on its grid; 1 without any."""
+    steps = [
+        np.diff(v)[None, :] if k else np.diff(v)[:, None]
+        for k, v in enumerate((points.y, points.x))
+    ]
+    slopes = [np.diff(residual, axis=k) / step for k, step in enumerate(steps)]
+    squares = [float(np.nanmean(s * s)) if np.isfinite(s).any() else 0.0 for s in slopes]
+    rows, columns = np.nonzero(~np.isnan(residual))
+    if np.ptp(points.y[rows]) > np.ptp(points.x[columns]):
+        squares.reverse()
+    return float(np.sqrt(squares[0] / squares[1])) if min(squares) > 0.0 else 1.0
 
 
 def _blocks(

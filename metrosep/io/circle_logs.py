@@ -38,14 +38,13 @@ _WORDS: Mapping[str, tuple[str, ...]] = {
     "angle": ("angle", "winkel", "phi", "theta"),
     "ccw": ("ccw", "acw", "anticlockwise", "counterclockwise"),
     "cw": ("cw", "clockwise"),
-    "x": ("x", "x_pos", "x_position", "pos_x"),
-    "y": ("y", "y_pos", "y_position", "pos_y"),
+    **{a: (a, f"{a}_pos", f"{a}_position", f"pos_{a}") for a in "xyz"},
     "reading": ("reading", "deviation", "radial deviation", "ballbar", "dr", "error"),
     "length": ("length", "radius", "bar length"),
 }
 """Names of columns by what they are, without their unit, in small letters."""
 
-_ROLES = tuple(_WORDS)
+_ROLES = tuple(r for r in _WORDS if r != "z")
 _FEWEST, _FEWEST_TURNING = 16, 3
 """Readings of a sense, and those about a reversal that are none."""
 
@@ -83,6 +82,7 @@ def read_circle_log(
     *,
     radius: float,
     columns: Mapping[str, str] | None = None,
+    plane: str = "XY",
     **layout: Any,
 ) -> CircleLog:
     """Return the runs of a circular test as `metrosep.machine.circle_test` takes them.
@@ -96,6 +96,8 @@ def read_circle_log(
     columns : mapping of str to str, optional
         Column of ``angle``, ``ccw``, ``cw``, ``x``, ``y``, ``reading`` or ``length``, such as
         ``{"x": "2:mm"}`` where there is no header; those that are omitted are found by their names.
+    plane : {"XY", "YZ", "ZX", "XZ"}, optional
+        First and second axis: the positions are taken from the columns called after them.
     **layout
         How the text is written: `metrosep.core.text_options.TEXT_OPTIONS`.
 
@@ -125,7 +127,7 @@ def read_circle_log(
         if lost:
             said.append(f"{file.name}: samples were lost at {lost} places (overrun)")
         said += [f"{file.name}: {w}" for w in table.warnings]
-        named = _named(file, table, columns or {})
+        named = _named(file, table, columns or {}, plane)
         parts.append(_part(file, table, named, radius, said))
         history += file.history("circle-log", dict(named))
     merged = _merged(parts, said)
@@ -149,8 +151,8 @@ def _table(file: RawFile, layout: dict[str, Any]) -> tuple[Table, int]:
     return read_table(file, **layout), len(lost)
 
 
-def _named(file: RawFile, table: Table, given: Mapping[str, str]) -> dict[str, str]:
-    """Return the column of each role: those that were named, else by their names."""
+def _named(file: RawFile, table: Table, given: Mapping[str, str], plane: str) -> dict[str, str]:
+    """Return the column of each role: those that were named, else by their names; x and y are the plane's."""
     for role in given:
         if role not in _ROLES:
             raise FormatMismatchError(
@@ -163,6 +165,17 @@ def _named(file: RawFile, table: Table, given: Mapping[str, str]) -> dict[str, s
         by_role = _role(name)
         if by_role is not None and by_role not in given and name not in taken:
             by_name.setdefault(by_role, []).append(name)
+    axes = {a: by_name[a] for a in "xyz" if a in by_name}
+    first, second = plane[0].lower(), plane[1].lower()
+    if {first, second} <= set(axes):
+        by_name |= {"x": axes[first], "y": axes[second]}
+    elif "z" in axes and len(axes) == 2 and not {"x", "y", "angle"} & set(given):
+        own = "".join(axes).upper()
+        raise FormatMismatchError(
+            f"{file.path} holds positions of {own[0]} and {own[1]}, and the plane is {plane}; give "
+            f"--plane {own}, or name the columns"
+        )
+    by_name.pop("z", None)
     said_values = any(r not in ("angle", "x", "y") for r in given)
     for role, names in by_name.items():
         if said_values and role in ("ccw", "cw", "reading", "length"):

@@ -25,6 +25,7 @@ from metrosep.machine.terms import positions_array
 
 _LARGEST_GAP = math.radians(75.0)  # between places: of a full turn, by steps of 60 deg or less
 _PLACES = 721  # over a range, of a bow
+_ANCHORS = 16  # places inside from which a change is taken
 _OWN = 1e-2  # of a shape: what orthogonality must leave of it
 _DROPPED = 1e-6  # of the largest part of a null direction
 
@@ -40,6 +41,8 @@ class Basis:
     home: float | None = 0.0  # where a motion is zero; None: over the range in the mean
     off: FloatArray | None = None  # of an arc: amounts of the functions that are taken out, (m, k)
     tilting: bool = False
+    fitted: int | None = None
+    """Leading columns that were fitted; those behind stay past the ends what they are there."""
 
     @property
     def labels(self) -> list[str]:
@@ -52,6 +55,14 @@ class Basis:
 
     def at(self, x: FloatArray) -> FloatArray:
         """Return the shapes at positions, shape (..., m)."""
+        found = self._at(x)
+        if self.fitted is not None and self.kind != "fourier":
+            # what was read says nothing of them outside, and high orders would grow without limit
+            held = self._at(np.clip(x, self.low, self.high))
+            found = np.concatenate([found[..., : self.fitted], held[..., self.fitted :]], axis=-1)
+        return found
+
+    def _at(self, x: FloatArray) -> FloatArray:
         if self.kind == "constant":
             return np.ones((*np.shape(x), 1))
         if self.kind == "fourier":
@@ -177,42 +188,43 @@ class CurveTerm:
     Parameters
     ----------
     coefficients : ndarray, shape (m,), m or rad
-        Of its shapes.
+        Of its shapes, those of further orders behind those that were fitted.
     cov : ndarray, shape (m, m)
         Their covariance.
     basis : Basis
         The shapes.
-    beyond : tuple of (Basis, ndarray, ndarray), optional
-        The shapes with the orders that were not fitted behind the others, the coefficients of these, and the
-        covariance of all.
     """
 
     coefficients: FloatArray
     cov: FloatArray
     basis: Basis
-    beyond: tuple[Basis, FloatArray, FloatArray] | None = None
-
-    @property
-    def whole(self) -> tuple[Basis, FloatArray]:
-        """All shapes, and their covariance."""
-        return (self.basis, self.cov) if self.beyond is None else (self.beyond[0], self.beyond[2])
 
     def evaluate(self, x: ArrayLike) -> FloatArray:
         """Return the error at positions, in the shape of x; past its ends the orders that were fitted go on."""
-        at = positions_array(x, "position")
-        found = np.asarray(self.basis.at(at) @ self.coefficients)
-        if self.beyond is not None and self.beyond[1].size:
-            whole, more, _ = self.beyond
-            inside = at if whole.kind == "fourier" else np.clip(at, whole.low, whole.high)
-            found = found + whole.at(inside)[..., self.coefficients.size :] @ more
-        return found
+        return np.asarray(self.basis.at(positions_array(x, "position")) @ self.coefficients)
 
     def sd(self, x: ArrayLike) -> FloatArray:
         """Return its standard uncertainty at positions, in the shape of x."""
-        basis, cov = self.whole
-        shapes = basis.at(positions_array(x, "position"))
-        square = np.sum((shapes @ cov) * shapes, axis=-1)
-        return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+        shapes = self.basis.at(positions_array(x, "position"))
+        square = np.sum((shapes @ self.cov) * shapes, axis=-1)
+        return np.asarray(np.sqrt(np.maximum(square, 0.0) + self.past(x) ** 2))
+
+    def past(self, x: ArrayLike) -> FloatArray:
+        """Return what the further orders may change by past the ends: the RMS change over such a way inside."""
+        at, own = positions_array(x, "position"), self.basis
+        found = np.zeros(at.shape)
+        if own.fitted is None or own.kind == "fourier":
+            return found
+        way = np.minimum(np.abs(at - np.clip(at, own.low, own.high)), own.high - own.low)
+        far = way > 0.0
+        begin = own.low + (own.high - own.low - way[far, None]) * np.linspace(0.0, 1.0, _ANCHORS)
+        steps = (own.at(begin + way[far, None]) - own.at(begin))[..., own.fitted :]
+        c = self.coefficients[own.fitted :]
+        square = self.cov[own.fitted :, own.fitted :] + np.outer(c, c)
+        found[far] = np.sqrt(
+            np.maximum(np.sum((steps @ square) * steps, axis=-1).mean(axis=-1), 0.0)
+        )
+        return found
 
     @property
     def value(self) -> float:
@@ -252,15 +264,12 @@ class CurveTerm:
         The slope of a straightness and a squareness are one number, that of a stated line; for a
         curve with a bow the lines differ.
         """
-        basis, cov = self.whole
-        row = self._line(method, span, at, basis)[0]
-        more = np.zeros(0) if self.beyond is None else self.beyond[1]
-        value = float(row @ np.append(self.coefficients, more))
-        return value, math.sqrt(max(float(row @ cov @ row), 0.0))
+        row = self._line(method, span, at)[0]
+        return float(row @ self.coefficients), math.sqrt(max(float(row @ self.cov @ row), 0.0))
 
     def bow(self, method: str = "least-squares", span: tuple[float, float] | None = None) -> float:
         """Return the P-V of the curve about the line of `slope`, m or rad."""
-        low, high = self._line(method, span, None, self.basis)[1]
+        low, high = self._line(method, span, None)[1]
         x = np.linspace(low, high, _PLACES)
         return float(np.ptp(self.evaluate(x) - self.slope(method, span)[0] * x))
 
@@ -269,9 +278,9 @@ class CurveTerm:
         method: str,
         span: tuple[float, float] | None,
         at: float | None,
-        basis: Basis,
     ) -> tuple[FloatArray, tuple[float, float]]:
         """Return the slope as a sum over the coefficients, and the range of the line."""
+        basis = self.basis
         numbers.choice(method, "the line", ("least-squares", "end-points", "area", "tangent"))
         if basis.kind != "legendre":
             raise DataError("an axis of rotation has no slope over its position")
@@ -287,7 +296,7 @@ class CurveTerm:
         if method == "tangent":
             step = 1e-3 * (high - low)
             x = place + step * np.array([-2.0, -1.0, 1.0, 2.0])
-            beside = basis.at(x)
+            beside = replace(basis, fitted=None).at(x)  # of an end too, where further orders stop
             five_point = np.array([1.0, -8.0, 8.0, -1.0]) / (12.0 * step)
             return np.asarray(five_point @ beside), (low, high)
         nodes, weights = np.polynomial.legendre.leggauss(64)

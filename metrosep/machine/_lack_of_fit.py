@@ -14,7 +14,7 @@ falls with the order n as ``lambda n^-2s`` (s = 0 has no shape, 1 is a curve wit
 How large it is (lambda), s, and the drift beside it are not known: all are taken by their restricted
 likelihood. With b the coefficients and D what a curve shifts them by (``b = b0 - D g``), the estimate is the
 mean of ``(b0 - D g, g)`` over all of them, and u^2 their variance about it. Motions of several sizes may each
-explain the same residual; then the estimate stays at b0, and u^2 holds the mean square of each.
+explain the same residual: their sizes are drawn together (Gibbs sampling), with g eliminated.
 """
 
 from __future__ import annotations
@@ -356,6 +356,8 @@ _COLUMNS = 300
 _SHOWN = 1e-4
 """Share of all further orders that must show beside the coefficients, else nothing is known of them."""
 _LEAST_WEIGHT = 1e-4
+_SEED, _SETTLING, _DRAWS = 27, 20, 100
+"""Of the draws of all sizes together: u of independent draws is known to 7 %."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -398,30 +400,18 @@ def beyond_orders(
         )
     to_all = system.V / system.sizes[:, None]
     cases = _cases(problem, used, used.X @ to_all, fit, H)
-    mean, cov = np.zeros(P + H.shape[1]), np.zeros((P + H.shape[1],) * 2)
-    begin, of_all, places = 0, [], {}
+    begin, places = 0, {}
     for name, basis in further.items():
         places[name] = np.arange(begin, begin + len(basis.labels))
         begin += places[name].size
         bases[name] = _joined(bases[name], basis)
         at[name] = np.append(at[name], P + places[name])
-    groups = list(_alike(problem, further))
-    for names in groups:
-        mine = np.concatenate([places[n] for n in names])
-        shapes = _shapes(cases, mine, [further[n] for n in names])
-        of_all += shapes
-        whole = np.append(np.arange(P), P + mine)
-        one, part = _over_shapes(cases, mine, shapes)
-        if len(groups) > 1:
-            # each group alone explains the same residual: their means together would take it several times
-            one, part = np.zeros_like(one), part + np.outer(one, one)
-        T = np.zeros((whole.size, part.shape[0]))
-        T[:P, : -mine.size], T[P:, -mine.size :] = to_all, np.eye(mine.size)
-        mean[whole] += T @ one
-        cov[np.ix_(whole, whole)] += T @ part @ T.T
-    one, part = _over_drifts(cases, of_all)
-    mean[:P] += to_all @ one
-    cov[:P, :P] += to_all @ part @ to_all.T
+    groups = [[further[n] for n in names] for names in _alike(problem, further)]
+    mine = [np.concatenate([places[n] for n in names]) for names in _alike(problem, further)]
+    T = np.zeros((P + H.shape[1], to_all.shape[1] + H.shape[1]))
+    T[:P, : to_all.shape[1]], T[P:, to_all.shape[1] :] = to_all, np.eye(H.shape[1])
+    one, part = _Curves(cases, [_sizes(bases) for bases in groups], mine).moments()
+    mean, cov = T @ one, T @ part @ T.T
     pairs = zip(used.rows, system.rows, strict=True)
     return Beyond(bases, at, mean, cov, H[np.concatenate([np.isin(a, b) for a, b in pairs])])
 
@@ -459,7 +449,8 @@ def _alike(problem: Problem, further: Mapping[str, Basis]) -> list[list[str]]:
 
 def _joined(first: Basis, more: Basis) -> Basis:
     off = None if first.off is None or more.off is None else np.vstack([first.off, more.off])
-    return replace(first, orders=(*first.orders, *more.orders), off=off)
+    orders = (*first.orders, *more.orders)
+    return replace(first, orders=orders, off=off, fitted=len(first.labels))
 
 
 def _further(problem: Problem) -> dict[str, Basis]:
@@ -504,6 +495,10 @@ class _Case:
     stated: bool  # whether the noise of a set is stated
     shown: bool  # whether a series is long enough to tell its drift from a constant
     cov: FloatArray  # of the coefficients, over the scale squared
+
+    def left(self, taken: float) -> float:
+        """Return the square that is left when a curve takes a part of it."""
+        return max(self.square - taken, self.least, 1e-9 * self.square)
 
     def at(self, square: float) -> tuple[float, float]:
         """Return the scale of the noise squared, and its part of -2 log likelihood."""
@@ -572,92 +567,188 @@ def _cases(
     return found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Shape:
-    """Further orders of a term of one size under one drift."""
-
-    case: int
-    log: float  # -2 log of the likelihood and of the chance before
-    R: FloatArray  # by which their deviation falls
-    U: FloatArray
-    gain: FloatArray
-    p: FloatArray
-    variance: float  # of the noise
-
-
-def _shapes(
-    cases: Sequence[_Case], mine: NDArray[np.intp], bases: Sequence[Basis]
-) -> list[_Shape]:
-    """Return the further orders of terms of one size, of all sizes, falls and drifts."""
+def _sizes(bases: Sequence[Basis]) -> FloatArray:
+    """Return the standard deviations of further orders of one size, a row for each fall."""
     per = 2 if bases[0].kind == "fourier" else 1
     n = np.concatenate([np.repeat(np.array(b.orders, dtype=np.float64), per) for b in bases])
     size = 1.0 if per == 2 else np.sqrt(2.0 * n + 1.0)
-    before = np.diff(_SMALLER) / len(_FALLS)
-    found = []
-    for k, case in enumerate(cases):
-        S, s = case.S[np.ix_(mine, mine)], case.s[mine]
-        for fall in _FALLS:
-            R = size * (n / n.min()) ** -fall
-            e, U = np.linalg.eigh(S * np.outer(R, R))
-            e = np.maximum(e, 0.0)
-            if e[-1] <= _SHOWN * float(case.plain[mine] @ R**2):
+    return np.stack([size * (n / n.min()) ** -fall for fall in _FALLS])
+
+
+_Chosen = tuple[int, ...]
+"""Of each group 0 where it is too small to matter, else which fall and which level it has."""
+
+
+class _Curves:
+    """Further orders in groups of one size, under every drift: how likely each choice of all sizes is."""
+
+    def __init__(
+        self,
+        cases: Sequence[_Case],
+        sizes: Sequence[FloatArray],
+        groups: Sequence[NDArray[np.intp]],
+    ) -> None:
+        self.cases, self.sizes, self.groups = cases, sizes, groups
+        before = np.repeat(np.diff(_SMALLER)[None] / len(_FALLS), len(_FALLS), axis=0).ravel()
+        self.before = -2.0 * np.log(np.append(_SMALLER[0], before))
+        self.tops = np.array(
+            [[[self._top(case, own, R) for R in listed] for own, listed in zip(groups, sizes, strict=True)]
+             for case in cases]
+        )  # fmt: skip
+        self._known: dict[tuple[int, _Chosen], float] = {}
+
+    @staticmethod
+    def _top(case: _Case, own: NDArray[np.intp], R: FloatArray) -> float:
+        """Return how well readings show the shape that they show best; 0 where hardly any shows."""
+        top = float(np.linalg.eigvalsh(case.S[np.ix_(own, own)] * np.outer(R, R))[-1])
+        return top if top > _SHOWN * float(case.plain[own] @ R**2) else 0.0
+
+    def scale(self, k: int, chosen: _Chosen) -> FloatArray:
+        """Return standard deviations of all further orders over the noise; infinite where nothing shows them."""
+        found = np.zeros(self.cases[k].s.size)
+        for g, choice in enumerate(chosen):
+            if choice:
+                fall, level = divmod(choice - 1, _LEVELS.size)
+                top = float(self.tops[k, g, fall])
+                size = math.sqrt(_LEVELS[level] / top) if top else math.inf
+                found[self.groups[g]] = size * self.sizes[g][fall]
+        return found
+
+    def value(self, k: int, chosen: _Chosen) -> float:
+        """Return -2 log of the likelihood and of the chance before."""
+        key = (k, chosen)
+        if key not in self._known:
+            d = self.scale(k, chosen)
+            self._known[key] = self._value(k, d, chosen) if np.isfinite(d).all() else math.inf
+        return self._known[key]
+
+    def _value(self, k: int, d: FloatArray, chosen: _Chosen) -> float:
+        case, use = self.cases[k], np.flatnonzero(d)
+        S, p = case.S[np.ix_(use, use)] * np.outer(d[use], d[use]), d[use] * case.s[use]
+        L = np.linalg.cholesky(np.eye(use.size) + S)
+        z = np.linalg.solve(L, p)
+        part = case.at(case.left(float(z @ z)))[1]
+        logs = 2.0 * float(np.log(np.diag(L)).sum())
+        return case.base + logs + part + float(self.before[list(chosen)].sum())
+
+    def of_group(self, k: int, chosen: _Chosen, g: int) -> FloatArray:
+        """Return `value` for all choices of one group, given those of the others."""
+        case, own = self.cases[k], self.groups[g]
+        d = self.scale(k, (*chosen[:g], 0, *chosen[g + 1 :]))
+        found = np.full(self.before.size, math.inf)
+        if not np.isfinite(d).all():
+            return found
+        use = np.flatnonzero(d)
+        S, s, gone, base = case.S[np.ix_(own, own)], case.s[own], 0.0, case.base
+        base += sum(float(self.before[c]) for i, c in enumerate(chosen) if i != g)
+        if use.size:
+            L = np.linalg.cholesky(
+                np.eye(use.size) + case.S[np.ix_(use, use)] * np.outer(d[use], d[use])
+            )
+            across = np.column_stack([case.S[np.ix_(use, own)], case.s[use]])
+            Z = np.linalg.solve(L, d[use, None] * across)
+            S, s = S - Z[:, :-1].T @ Z[:, :-1], s - Z[:, :-1].T @ Z[:, -1]
+            gone = float(Z[:, -1] @ Z[:, -1])
+            base += 2.0 * float(np.log(np.diag(L)).sum())
+        found[0] = base + case.at(case.left(gone))[1]
+        for fall, R in enumerate(self.sizes[g]):
+            if self.tops[k, g, fall] == 0.0:
                 continue
-            p = U.T @ (R * s)
-            for level, chance in zip(_LEVELS / e[-1], before, strict=True):
-                gain = level / (1.0 + level * e)
-                square = max(case.square - float(gain @ p**2), case.least, 1e-9 * case.square)
-                variance, part = case.at(square)
-                value = case.base + float(np.log1p(level * e).sum()) + part
-                found.append(_Shape(k, value - 2.0 * math.log(chance), R, U, gain, p, variance))
-    return found
+            e, U = np.linalg.eigh(S * np.outer(R, R))
+            e, p = np.maximum(e, 0.0), U.T @ (R * s)
+            for i, level in enumerate(_LEVELS / self.tops[k, g, fall]):
+                left = case.left(gone + float((level / (1.0 + level * e)) @ p**2))
+                found[1 + fall * _LEVELS.size + i] = (
+                    base + float(np.log1p(level * e).sum()) + case.at(left)[1]
+                )
+        return np.asarray(found + self.before)
+
+    def all_choices(self) -> dict[tuple[int, _Chosen], float]:
+        """Return how likely each choice is, of one group or none."""
+        found: dict[tuple[int, _Chosen], float] = {}
+        for k in range(len(self.cases)):
+            if self.groups:
+                listed = self.of_group(k, (0,), 0).tolist()
+                found |= {(k, (i,)): value for i, value in enumerate(listed)}
+            else:
+                found[k, ()] = self.value(k, ())
+        return dict(zip(found, _chances([*found.values()]).tolist(), strict=True))
+
+    def drawn(self) -> dict[tuple[int, _Chosen], float]:
+        """Return choices of several groups with their weights: Gibbs sampling, and two groups exchanged.
+
+        Two groups that explain the same residual are seldom both large, so that one would hardly ever give
+        way to the other without the exchange.
+        """
+        rng = np.random.default_rng(_SEED)
+        n, k = len(self.groups), 0
+        chosen: _Chosen = (0,) * n
+        likely, seen = np.arange(len(self.cases)), np.zeros(len(self.cases))
+        found: dict[tuple[int, _Chosen], float] = {}
+        for sweep in range(-_SETTLING, _DRAWS):
+            for g in range(n):
+                w = _chances(self.of_group(k, chosen, g))
+                chosen = (*chosen[:g], _picked(w, rng), *chosen[g + 1 :])
+            for _ in range(n):
+                i, j = rng.choice(n, 2, replace=False).tolist()
+                other = list(chosen)
+                other[i], other[j] = chosen[j], chosen[i]
+                pair = [self.value(k, chosen), self.value(k, tuple(other))]
+                if rng.random() < _chances(pair)[1]:
+                    chosen = tuple(other)
+            w = _chances([self.value(i, chosen) for i in likely.tolist()])
+            k = int(likely[_picked(w, rng)])
+            seen[likely] += w
+            if sweep == -1:  # drifts that hardly ever were likely take no time from here on
+                likely = np.flatnonzero((seen > 1e-3) | (np.arange(seen.size) == k))
+            elif sweep >= 0:
+                for i, share in zip(likely.tolist(), (w / _DRAWS).tolist(), strict=True):
+                    found[(i, chosen)] = found.get((i, chosen), 0.0) + share
+        return found
+
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """Return mean and covariance of what the coefficients (reduced) are off by, then of the further orders."""
+        weights = self.all_choices() if len(self.groups) < 2 else self.drawn()
+        shown = np.array([c.shown for c in self.cases])
+        best = max((c for c in weights if shown[c[0]]), key=lambda c: weights[c])
+        weights = {c: max(w, 1e-300) for c, w in weights.items() if w > _LEAST_WEIGHT or c == best}
+        total = sum(weights.values())
+        r, n = self.cases[0].D.shape
+        mean, square = np.zeros(r + n), np.zeros((r + n,) * 2)
+        of_case, variances = np.zeros(len(self.cases)), np.zeros(len(self.cases))
+        for k, case in enumerate(self.cases):
+            one, two = np.zeros(n), np.zeros((n, n))
+            for (_, chosen), w in ((c, v / total) for c, v in weights.items() if c[0] == k):
+                d = self.scale(k, chosen)
+                B = d[:, None] * np.linalg.inv(np.eye(n) + case.S * np.outer(d, d)) * d
+                g = B @ case.s
+                variance = case.at(case.left(float(case.s @ g)))[0]
+                of_case[k] += w
+                variances[k] += w * variance
+                one += w * g
+                two += w * (np.outer(g, g) + variance * B)
+            T = np.vstack([-case.D, np.eye(n)])
+            mean += T @ one
+            square += T @ two @ T.T
+        cov = square - np.outer(mean, mean)
+        # what they are off by noise, over drifts that are no constant
+        share = float(of_case[shown].sum())
+        of_case, variances = of_case * shown / share, variances * shown / share
+        shifts = np.stack([c.shift for c in self.cases])
+        mean[:r] += of_case @ shifts
+        off = shifts - of_case @ shifts
+        cov[:r, :r] += (of_case[:, None] * off).T @ off
+        for variance, case in zip(variances, self.cases, strict=True):
+            cov[:r, :r] += variance * case.cov
+        return mean, cov
 
 
-def _weights(cases: Sequence[_Case], shapes: Sequence[_Shape]) -> tuple[FloatArray, FloatArray]:
-    """Return how likely it is that no curve is left out, by drift, and how likely each curve is."""
-    none = [c.base + c.at(c.square)[1] - 2.0 * math.log(_SMALLER[0]) for c in cases]
-    logs = np.array([*none, *(v.log for v in shapes)])
-    weights = np.exp(-0.5 * (logs - logs.min()))
-    weights /= weights.sum()
-    return weights[: len(cases)], weights[len(cases) :]
+def _picked(w: FloatArray, rng: np.random.Generator) -> int:
+    """Return a choice by its chance."""
+    return min(int(np.searchsorted(np.cumsum(w), rng.random())), w.size - 1)
 
 
-def _over_drifts(
-    cases: Sequence[_Case], shapes: Sequence[_Shape]
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean and covariance of what coefficients are off by noise, over all drifts by their likelihood."""
-    none, those = _weights(cases, shapes)
-    shown = np.array([c.shown for c in cases])
-    those = those * shown[[v.case for v in shapes]] if shapes else those
-    none = none * shown
-    share = none.sum() + those.sum()
-    none, those = none / share, those / share
-    variances = np.array([w * c.at(c.square)[0] for w, c in zip(none, cases, strict=True)])
-    of_case = none.copy()
-    for w, shape in zip(those, shapes, strict=True):
-        variances[shape.case] += w * shape.variance
-        of_case[shape.case] += w
-    shifts = np.stack([c.shift for c in cases])
-    mean = of_case @ shifts
-    off = shifts - mean
-    total = np.asarray((of_case[:, None] * off).T @ off)
-    for variance, case in zip(variances, cases, strict=True):
-        total += variance * case.cov
-    return mean, total
-
-
-def _over_shapes(
-    cases: Sequence[_Case], mine: NDArray[np.intp], shapes: Sequence[_Shape]
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean and covariance of coefficients (reduced) and further orders of terms of one size."""
-    _, weights = _weights(cases, shapes)
-    r = cases[0].D.shape[0]
-    mean, square = np.zeros(r + mine.size), np.zeros((r + mine.size,) * 2)
-    for w, shape in zip(weights, shapes, strict=True):
-        if w < _LEAST_WEIGHT:
-            continue
-        T = np.vstack([-cases[shape.case].D[:, mine], np.eye(mine.size)])
-        one = T @ (shape.R * (shape.U @ (shape.gain * shape.p)))
-        B = T @ (shape.R[:, None] * shape.U * np.sqrt(shape.gain * shape.variance))
-        mean += w * one
-        square += w * (np.outer(one, one) + B @ B.T)
-    return mean, square - np.outer(mean, mean)
+def _chances(values: Sequence[float] | FloatArray) -> FloatArray:
+    """Return how likely choices are by -2 log of their likelihood."""
+    w = np.exp(-0.5 * (np.asarray(values) - np.min(values)))
+    return np.asarray(w / w.sum())

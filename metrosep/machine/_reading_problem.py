@@ -22,6 +22,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
+from metrosep.machine._artefact_forms import forms_of
 from metrosep.machine._bases import Basis, basis_of
 from metrosep.machine._drift_noise import (
     Fit,
@@ -305,7 +306,7 @@ class Problem:
         self.labels = labels
         self.steps = np.array([s.step for s in sets])
         self.parts = [self._fixed(s) for s in sets]
-        self.forms = _forms(sets, labels, [part[0].point for part in self.parts])
+        self.forms = forms_of(sets, labels, [part[0].point for part in self.parts])
         shared: dict[str, slice] = {}
         for i, (reading, label) in enumerate(zip(sets, labels, strict=True)):
             at = {}
@@ -447,7 +448,12 @@ class Problem:
         """Return set-ups where the readings put them, and the readings that are not grossly wrong."""
         current = [s.instrument for s in self.sets]
         good = [np.isfinite(np.asarray(s.values)) for s in self.sets]
-        current = self.placed(current, good, _least)
+        try:
+            current = self.placed(current, good, _least)
+        except (NotConvergedError, UnitError):  # a place is far from where it was stated
+            self._structural = None
+            current = [self._alone(k, i, good[k]) for k, i in enumerate(current)]
+            current = self.placed(current, good, _least)
         if robust:
             current = self.placed(current, good, _huber)
             good = self.without_gross(self.assembled(current, good), good)
@@ -457,31 +463,53 @@ class Problem:
         self, current: list[Instrument], good: list[Any], solve: Callable[[System], FloatArray]
     ) -> list[Instrument]:
         """Return the set-ups where the readings put them (Gauss-Newton)."""
+        moved: Sequence[float] = ()
         for _ in range(_STEPS):
-            current, moved = self._moved(current, solve(self.assembled(current, good)))
-            if moved < _SETTLED:
-                return current
-        worst = max(self.sets, key=lambda s: len(s.unknown)).label
+            beta = solve(self.assembled(current, good))
+            current, moved = zip(  # type: ignore[assignment]
+                *(self._moved(k, i, beta) for k, i in enumerate(current)), strict=True
+            )
+            if max(moved) < _SETTLED:
+                return list(current)
         raise NotConvergedError(
-            f"{worst}: the set-up does not settle in {_STEPS} steps; start closer than 50 mm, or take "
-            "more places"
+            f"{self.labels[int(np.argmax(moved))]}: the set-up does not settle in {_STEPS} steps; start closer "
+            "than 50 mm, or take more places"
         )
 
-    def _moved(
-        self, current: list[Instrument], beta: FloatArray
-    ) -> tuple[list[Instrument], float]:
-        """Return the set-ups moved by what was found of them, and the largest move in m."""
-        new, largest = [], 0.0
-        for k, instrument in enumerate(current):
-            placed = instrument
-            for name, where in self.unknown_at[k].items():
-                if not is_place(placed, name):
-                    continue
-                by = beta[where]
-                placed = placed.moved(name, by)
-                largest = max(largest, float(np.abs(by).max()))
-            new.append(placed)
-        return new, largest
+    def _moved(self, k: int, instrument: Instrument, beta: FloatArray) -> tuple[Instrument, float]:
+        """Return one set-up moved by what was found of it, and the largest move in m."""
+        largest = 0.0
+        for name, where in self.unknown_at[k].items():
+            if is_place(instrument, name):
+                instrument = instrument.moved(name, beta[where])
+                largest = max(largest, float(np.abs(beta[where]).max()))
+        return instrument, largest
+
+    def _alone(self, k: int, instrument: Instrument, good: NDArray[np.bool_]) -> Instrument:
+        """Return a set-up where its readings put it on a machine without errors."""
+        places = [n for n in self.unknown_at[k] if is_place(instrument, n)]
+        if not places:
+            return instrument
+        own = np.concatenate([np.arange(at.start, at.stop) for at in self.unknown_at[k].values()])
+        beta, off = np.zeros(len(self.names)), math.inf
+        try:
+            for _ in range(_STEPS):
+                block, rest = self.block(k, instrument)
+                X, y = block[good][:, own], rest[good]
+                beta[own] = np.linalg.lstsq(X, y, rcond=NULL)[0]
+                off = float(np.sqrt(np.mean((y - X @ beta[own]) ** 2)))
+                instrument, moved = self._moved(k, instrument, beta)
+                if moved < _SETTLED:
+                    break
+        except UnitError:  # beyond any machine
+            off = math.inf
+        if off > LARGEST["m"]:
+            raise DataError(
+                f"{self.labels[k]}: there is no {places[0]} from which the nominal machine would be read like this; "
+                "check the unit and the sign of its readings and positions, whether they hold the nominal (total), "
+                f"and the {places[0]} that is stated"
+            )
+        return instrument
 
     def without_gross(self, system: System, good: list[Any]) -> list[Any]:
         """Return which readings are left when gross contradictions are removed."""
@@ -683,66 +711,6 @@ def places_seen(sets: Sequence[ReadingSet]) -> int:
         places = np.round(np.column_stack(listed or [np.zeros(n)]), 9)
         total += k * int(np.unique(places, axis=0).shape[0])
     return total
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ArtefactForm:
-    """Shapes of the profile of an artefact at the places of one set."""
-
-    orders: tuple[int, ...]
-    columns: FloatArray  # (n, m)
-    place: FloatArray  # (n,), along the artefact, m
-
-
-_PLACE = 1e-7  # m: places that are nearer are one
-
-
-def _forms(
-    sets: Sequence[ReadingSet], labels: Sequence[str], points: Sequence[FloatArray]
-) -> dict[int, ArtefactForm]:
-    """Return the shapes of the profiles, by set: all that its places can hold, in rising order."""
-    by_owner: dict[str, list[int]] = {}
-    for i, (reading, label) in enumerate(zip(sets, labels, strict=True)):
-        if "form" in reading.unknown:
-            by_owner.setdefault(reading.artefact or label, []).append(i)
-    found = {}
-    for owner, mine in by_owner.items():
-        _require_reversal(owner, [sets[i] for i in mine])
-        joined = np.concatenate([points[i] for i in mine])
-        axis = int(np.argmax(np.ptp(joined, axis=0)))
-        keys = np.round(joined[:, axis] / _PLACE).astype(np.int64)
-        places, which = np.unique(keys, return_inverse=True)
-        if places.size < 3:
-            raise TooFewSamplesError(
-                f"the profile of {owner} needs 3 places along it or more, its sets have {places.size}"
-            )
-        # discrete Legendre polynomials: a basis of whatever the places hold, smooth ones first
-        scaled: FloatArray = 2.0 * (places - places[0]) / float(places[-1] - places[0]) - 1.0
-        whole = np.polynomial.legendre.legvander(scaled, places.size - 1)
-        basis = np.linalg.qr(whole)[0] * np.sqrt(places.size)
-        basis = basis * np.sign(basis[-1])
-        first = 0
-        if all("offset" in sets[i].unknown for i in mine):
-            first = 2 if all("slope" in sets[i].unknown for i in mine) else 1
-        begin = 0
-        for i in mine:
-            n = points[i].shape[0]
-            rows = which[begin : begin + n]
-            begin += n
-            orders = tuple(range(first, places.size))
-            along = np.asarray(places[rows] * _PLACE, dtype=np.float64)
-            found[i] = ArtefactForm(orders, np.asarray(basis[rows][:, first:]), along)
-    return found
-
-
-def _require_reversal(owner: str, sets: Sequence[ReadingSet]) -> None:
-    """Refuse an unknown profile that was read from one side only."""
-    ways = np.array([getattr(s.instrument, "direction", (0.0, 0.0, 0.0)) for s in sets])
-    if not np.any(ways @ ways[0] < 0.0):
-        raise DataError(
-            f"{owner} was read from one side only, so its form and the error of the axis are one thing; "
-            "read it reversed too (the direction turned round, the same artefact), or take its known form off the readings"
-        )
 
 
 def axis_of_term(chain: Chain, term: str) -> str:

@@ -187,7 +187,15 @@ class Calibration:
         """
         bases, cov = self.beyond or (self.bases, self.covariance)
         J = columns_of(self.chain, bases, q, tool)
-        u = np.sqrt(np.maximum(np.einsum("...ij,jk,...ik->...i", J, cov, J), 0.0))
+        square = np.einsum("...ij,jk,...ik->...i", J, cov, J)
+        curves = {n: c for n, c in self.fitted.items() if isinstance(c, CurveTerm)}
+        if curves:
+            past = [np.asarray(c.past(q[axis_of_term(self.chain, n)])) for n, c in curves.items()]
+            arms = self.chain.jacobian(q, tool=tool, terms=[*curves])
+            square = square + np.sum(
+                (arms * np.stack(np.broadcast_arrays(*past), axis=-1)[..., None, :]) ** 2, axis=-1
+            )
+        u = np.sqrt(np.maximum(square, 0.0))
         if self.blind.shape[1]:
             J = columns_of(self.chain, self.bases, q, tool)
             part = np.linalg.norm(J @ self.blind, axis=-1)
@@ -201,18 +209,24 @@ class Calibration:
         -------
         dict
             Keys ``machine``, ``terms``, ``null``, ``condition``, ``noise``, ``refused``,
-            ``messages``, ``audit``.
+            ``messages``, ``audit``. Of a curve ``values`` are those of all its orders: the first ``fitted``
+            of them were fitted, the others are what the readings say of orders beyond.
         """
         terms = {}
         for name, term in self.errors.items():
-            mine = [i for i, n in enumerate(self.names) if n.split(" ")[0] == name]
-            u = np.sqrt(np.diag(self.covariance))[mine]
+            found, basis = self.fitted[name], self.bases[name]
+            if isinstance(found, CurveTerm):
+                basis, values, u = found.basis, found.coefficients, np.sqrt(np.diag(found.cov))
+            else:
+                mine = [self.names.index(name)]
+                values, u = self.coefficients[mine], np.sqrt(np.diag(self.covariance))[mine]
             known = not isinstance(term, UnseenTerm)
             terms[name] = {
                 "unit": term_unit(self.chain, name),
-                "basis": self.bases[name].kind,
-                "orders": [self.names[i][len(name) + 1 :] for i in mine],
-                "values": self.coefficients[mine].tolist() if known else None,
+                "basis": basis.kind,
+                "orders": [label.strip() for label in basis.labels],
+                "fitted": len(self.bases[name].labels),
+                "values": values.tolist() if known else None,
                 "u": u.tolist() if known else None,
             }
         return {
@@ -456,11 +470,12 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         *(n + sums.get(i, "") for i, n in enumerate(null)),
         *hardly_known(problem.names[:p], problem.units[:p], cov[:p, :p]),
     )
-    beyond = {
-        n: (left.bases[n], off[own[own >= size]], spread[np.ix_(own, own)])
+    every = np.append(beta, off[size:])
+    curves = {
+        n: CurveTerm(every[own], spread[np.ix_(own, own)], left.bases[n])
         for n, own in left.at.items()
     }
-    errors, fitted = terms_found(chain, problem.bases, beta, cov, unseen, beyond)
+    errors, fitted = terms_found(chain, problem.bases, beta, cov, unseen, curves)
     of_terms = np.concatenate([*left.at.values()])
     unknowns: dict[str, Mapping[str, tuple[FloatArray, FloatArray]]] = {}
     u = np.sqrt(np.maximum(np.diag(cov), 0.0))
@@ -541,7 +556,7 @@ def terms_found(
     beta: FloatArray,
     cov: FloatArray,
     unseen: set[str],
-    beyond: Mapping[str, tuple[Basis, FloatArray, FloatArray]],
+    curves: Mapping[str, CurveTerm],
 ) -> tuple[dict[str, ErrorTerm], dict[str, ErrorTerm]]:
     """Return terms, NaN where not determined, and the smallest that explain the readings."""
     errors: dict[str, ErrorTerm] = {}
@@ -556,7 +571,7 @@ def terms_found(
                 float(beta[mine][0]), u=math.sqrt(max(float(cov[mine, mine][0, 0]), 0.0))
             )
         else:
-            term = CurveTerm(beta[mine], cov[mine, mine], basis, beyond.get(name))
+            term = curves.get(name) or CurveTerm(beta[mine], cov[mine, mine], basis)
         unit = term_unit(chain, name)
         largest = float(np.abs(beta[mine]).max())
         if largest > LARGEST[unit]:

@@ -337,7 +337,7 @@ def _best(widths: FloatArray, share: FloatArray) -> int:
 # The tightest reference from outside minimises c[0] subject to ``A_i c >= z_i`` ("outer"), the one
 # from inside maximises c[0] subject to ``A_i c <= z_i`` ("inner"). Only a few points matter, so a
 # small program over a working set is solved (HiGHS), the points it violates most are added, and so
-# on until none is violated. The solution is then found again from its supporting points by a linear
+# on until none is violated; from one vertex to the next it is a pivot or two of the dual simplex. The solution is then found again from its supporting points by a linear
 # system, to rounding. The multipliers of these points give a bound that nobody can beat: where the
 # bound equals what was achieved, the support is a proof of the optimum.
 
@@ -345,6 +345,9 @@ Mode = Literal["zone", "outer", "inner"]
 
 _ZONE_MAX_EXCHANGES = 200
 """Programs at most; five to ten are usual."""
+
+_PIVOTS = 30
+"""Pivots at most from one vertex to the next, before the solver is asked; one or two are usual."""
 
 _FEASIBLE = 4e-15
 """Violation that counts as rounding, relative to the largest deviation."""
@@ -395,11 +398,19 @@ def optimum(
     """Return the narrowest zone or the tightest one-sided reference over all points."""
     working = np.unique(np.asarray(seed, dtype=np.intp))
     shift = np.zeros_like(start)
+    held: tuple[IntArray, IntArray] | None = (
+        None  # owners and sides of the rows that hold the last one
+    )
     for _ in range(_ZONE_MAX_EXCHANGES):
         matrix, heights = rows(working)
         residual = (heights - matrix @ start) / scale
         cost, g, h, owner, side = _program(matrix, residual, mode)
-        u, active, y = _solve(cost, g, h)
+        found = None
+        if held is not None:  # points are added behind the others, so owners stay
+            below = (held[1] < 0) & (mode == "zone")
+            found = _pivoted(cost, g, h, held[0] + below * working.size)
+        u, active, y = found or _solve(cost, g, h)
+        held = owner[active], side[active]
         shift = u[: start.size]
         candidates = np.unique(extremes(start + scale * shift))
         new = np.setdiff1d(candidates, working)
@@ -475,6 +486,37 @@ def _solve(
             return vertex, active, y
         zoom *= min(1e6, 1.0 / violated)
     return u, active, y
+
+
+def _pivoted(
+    cost: FloatArray, g: FloatArray, h: FloatArray, active: IntArray
+) -> tuple[FloatArray, IntArray, FloatArray] | None:
+    """Return the vertex, its rows and multipliers from the vertex of fewer rows (dual simplex), or None."""
+    if active.size != cost.size:
+        return None
+    active = active.copy()
+    for _ in range(_PIVOTS):
+        try:
+            inverse = np.linalg.inv(g[active])
+        except np.linalg.LinAlgError:
+            return None
+        u = inverse @ h[active]
+        u = u + inverse @ (h[active] - g[active] @ u)
+        y = _multipliers(g[active], cost, cost @ inverse)
+        if y.min() <= _ACTIVE:  # more rows than unknowns hold it: for the solver
+            return None
+        violated = h - g @ u
+        worst = int(np.argmax(violated))
+        if violated[worst] <= 10.0 * _FEASIBLE:
+            return u, active, y
+        step = g[worst] @ inverse
+        with np.errstate(divide="ignore"):
+            ratio = np.where(step > 0.0, y / step, np.inf)
+        leaving = int(np.argmin(ratio))
+        if not np.isfinite(ratio[leaving]):
+            return None
+        active[leaving] = worst
+    return None
 
 
 def _multipliers(g: FloatArray, cost: FloatArray, near: FloatArray) -> FloatArray:

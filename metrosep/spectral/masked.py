@@ -10,7 +10,7 @@ Holes are left out of the window where the spectrum falls no faster than 1/f: ex
 no height drawn over a hole can be. Elsewhere their sharp edges would spread the long waves over all
 others. Small ones are then closed by the harmonic function (Laplace's equation, the measured pixels
 around as boundary), which takes power from short waves and puts some there; how much is seen where known
-pixels are closed. Large ones, which would lose long waves as well, are left out of the window of the
+pixels are closed: what is taken is given back, what is put there is bounded. Large ones, which would lose long waves as well, are left out of the window of the
 slopes, whose spectrum falls less. Of a spectrum that falls only beyond the longest waves the frequencies
 are closed at which the edges would leak more than a small share.
 """
@@ -230,8 +230,8 @@ def masked_psd(
     share = n_filled / int(outline.sum())
     if share > max_filled:
         raise DataError(
-            f"{100 * share:.3g} % of the outline is missing, more than max_filled = "
-            f"{100 * max_filled:.3g} %: holes would decide the spectrum; crop, or raise max_filled"
+            f"{100 * share:.3g} % of the outline is missing, more than the {100 * max_filled:.3g} % that "
+            "max_filled allows: holes would decide the spectrum; crop, or raise max_filled"
         )
     z = np.where(measured, z - _trend(z, measured, detrend, is_map=is_map), 0.0)
     whole = _window(outline, steps, is_map=is_map)
@@ -274,18 +274,24 @@ def masked_psd(
         "estimate": taken,
     }
     history = (*obj.history, Step("masked_psd", facts))
-    found = _spectrum(power, w * measured, steps, history, is_map=is_map)
+    raw = _spectrum(power, w * measured, steps, history, is_map=is_map)["one_sided"]
     filled = outline & known & ~measured
     wrong = np.zeros(power.shape)
+    kept = np.ones(power.shape)
     if filled.any() and leaks.any():
+
+        def density(heights: FloatArray, points: NDArray[np.bool_]) -> FloatArray:
+            if taken == "slopes":
+                return _of_slopes(heights, outline, points, steps, is_map=is_map)[0]
+            return _of_heights(heights, whole, steps, is_map=is_map)
+
         errors = _errors(z, closed, outline, filled, measured, square, steps)
         for error, scale in errors:
-            if taken == "slopes":
-                one, _ = _of_slopes(error, outline, outline, steps, is_map=is_map)
-            else:
-                one = _of_heights(error, whole, steps, is_map=is_map)
-            wrong = np.maximum(wrong, scale * one)
-        wrong = np.where(leaks, wrong if errors else power, 0.0)
+            wrong = np.maximum(wrong, scale * density(error, outline))
+        twice = [(density(closed + error, known), scale) for error, scale in errors]
+        kept = np.where(leaks, _kept(density(closed, known), twice), 1.0)
+        wrong = np.where(leaks, wrong if errors else power, 0.0) / kept
+    found = _spectrum(power / kept, w * measured, steps, history, is_map=is_map)
     if taken == "slopes" and not known[outline].all():
         gain = _gain(power.shape, steps, is_map=is_map)
         of_slopes = power * gain
@@ -295,9 +301,13 @@ def masked_psd(
     added = _spectrum(wrong, w * measured, steps, history, is_map=is_map)["one_sided"]
     of_open = 1.0 - float(square[~known & outline].sum() / square.sum())
     left = []
-    for axis, one in zip((1, 0) if is_map else (1,), found["one_sided"], strict=True):
+    for axis, one, before in zip((1, 0) if is_map else (1,), found["one_sided"], raw, strict=True):
         least = of_open * _left(one.frequency, square, filled, steps, axis)
-        left.append(_mixed(np.minimum(1.0 - lost, least), 1.0 - lost, power, leaks, axis))
+        bound = _mixed(np.minimum(1.0 - lost, least), 1.0 - lost, power, leaks, axis)
+        more = one.density / np.where(
+            before.density > 0.0, before.density, one.density + (one.density == 0.0)
+        )
+        left.append(np.minimum(1.0 - lost, bound * np.maximum(more, 1.0)))
     return MaskedPsd(
         **found,
         left=tuple(left),
@@ -610,9 +620,29 @@ def _errors(
     found = []
     for shift in best[:_SHIFTS]:
         moved = np.roll(filled, shift, (0, 1)) & free
-        error = _closed(z, outline, measured & ~moved, steps) - closed
+        error = _closed(closed, outline, outline & ~moved, steps) - closed
         found.append((error, float(square[filled].sum()) / weights[shift]))
     return found
+
+
+def _kept(power: FloatArray, twice: list[tuple[FloatArray, float]]) -> FloatArray:
+    """Return the share of a density that closing holes leaves, at most 1: what closing again leaves of it.
+
+    `twice` holds the densities with known pixels closed as well, and the weight of the real holes over theirs.
+    The logarithm of a density has the same bias whatever its level, so that the mean of its change nearby is
+    that of the share, however steeply the density falls.
+    """
+    from scipy import ndimage
+
+    tiny = np.finfo(float).tiny
+    level = np.log(np.maximum(power, tiny))
+    change = np.zeros(power.shape)
+    for again, scale in twice:
+        change += scale * (np.log(np.maximum(again, tiny)) - level)
+    wide = (_NEAR if min(power.shape) > 1 else _NEAR_LINE)[0][0]
+    sizes = [max(1, min(wide, n // 8)) for n in power.shape]
+    near = ndimage.uniform_filter(change / max(len(twice), 1), sizes, mode="wrap")
+    return np.asarray(np.exp(np.minimum(near, 0.0)))
 
 
 def _left(

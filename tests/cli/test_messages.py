@@ -62,6 +62,9 @@ def failing(capsys):
         ("say method='mean'", {"recipe"}, "say method='mean'"),
         ("column 'x=2' is not \"z=1\"; give z=", {"x", "z"}, "column 'x=2' is not \"z=1\"; give --z"),
         ("a.csv: x=3 is odd", {"method"}, "a.csv: x=3 is odd"),
+        ("lower min_ratio.", {"min_ratio"}, "lower --min-ratio."),
+        ("min_ratio is 2; 'min_ratio' min_ratios runs/min_ratio.csv min_ratio = 2", {"min_ratio"},
+         "--min-ratio is 2; 'min_ratio' min_ratios runs/min_ratio.csv min_ratio = 2"),
         ("folder/method=a/b.csv: missing", {"scale"}, "folder/method=a/b.csv: missing"),
     ],
 )  # fmt: skip

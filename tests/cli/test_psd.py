@@ -1,6 +1,7 @@
 """metrosep psd: a disc of known spectrum against limits, at the command line and by recipe."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -71,14 +72,18 @@ def test_the_recipe_says_the_same_and_draws_the_limit(metrosep, disc, tmp_path):
     ("words", "message"),
     [
         (("--limit", "A = 5, B = 2 from 0.05 mm to 0.5 mm"), "the unit of the density is needed"),
-        (("--limit", "rms = 1 nm from 0.05 mm to 0.5 mm", "--max-filled", "0"), "max_filled"),
+        (("--limit", "rms = 1 nm from 0.05 mm to 0.5 mm", "--max-filled", "0"),
+         "more than the 0 % that --max-filled allows: holes would decide the spectrum; crop, or raise --max-filled"),
+        (("--limit", "rms = 1 nm from 0.05 mm to 0.5 mm", "--max-filled", "1.5"),
+         "error: --max-filled is a share from 0 to 1"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_judged_is_one_sentence(metrosep, disc, words, message):
     code, _, err = metrosep("psd", disc, *words)
     assert code == 2
     assert message in err
     assert err.count("error:") == 1
+    assert not re.search(r"max_filled|command line|step \d", err)
 
 
 def test_a_psd_check_has_no_limits_of_its_own(metrosep, disc, tmp_path):

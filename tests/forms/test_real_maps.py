@@ -474,16 +474,23 @@ def test_a_conic_constant_that_shows_is_found():
 
     found = fit(surface(np.where(r2 <= 25e-6, z, np.nan)), Conic())
 
-    assert not found.warnings
+    assert not [w for w in found.warnings if "nearly white" not in w]
     assert found.params["k"] == pytest.approx(-1.3, abs=4.0 * found.u["k"])
 
 
-def test_every_real_map_fits_and_never_worse_than_a_plane(corpus):
+LABORIOUS = (Conic, Biconic, Asphere)
+"""Of `FLAT_FORMS`: four fifths of the time are theirs, so a map has one of them in turn, or all where slow."""
+
+
+@pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_every_real_map_fits_and_never_worse_than_a_plane(corpus, every):
     seen = 0
     for name, measured in real_maps(corpus, 4e4):
+        plane, turn = fit(measured, Plane()), LABORIOUS[seen % len(LABORIOUS)]
         seen += 1
-        plane = fit(measured, Plane())
         for form in FLAT_FORMS:
+            if not every and type(form) in LABORIOUS and type(form) is not turn:
+                continue
             found = fit(measured, form)
             assert found.rms <= plane.rms * (1 + 1e-9), (name, form)
     assert seen >= 9

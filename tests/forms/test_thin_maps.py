@@ -121,3 +121,44 @@ def test_one_column_has_the_polynomial_of_one_row(basis, robust):
         t, good = np.arange(300.0), ~np.isnan(z)
         truth = np.polynomial.Polynomial.fit(t[good], z[good], 3)
         assert np.nanmax(np.abs(rest - (z - truth(t)))) < 1e-6 * NM
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize(
+    ("along", "across", "says"), [(10, 2, True), (20, 1, True), (2, 20, False), (2, 4, False)]
+)
+def test_a_lay_along_a_narrow_map_is_said_to_be_beyond_u(along, across, says, turned):
+    """8 rows of 64 pixels, where U of a plane holds 0.6 to 0.9 of the errors: a turning lay along the strip."""
+    number = 0
+    for seed in range(6):
+        noise = np.random.default_rng([41, seed]).standard_normal((108, 164))
+        z = 10 * NM * gaussian_filter(noise, (across, along))[50:-50, 50:-50]
+        z[3, 20:24] = np.nan
+        steps = (2 * STEP, STEP)  # of a camera with pixels of 20 by 10 um
+        found = fit(Surface(z.T if turned else z, *(steps[::-1] if turned else steps)), "plane")
+        said = [w for w in found.warnings if "run along this narrow map" in w]
+        assert not said or said[0] in found.report()
+        number += bool(said)
+        if np.isnan(found.u["tilt_x"]):  # too few cells, which is said
+            assert not said
+            number += says
+    assert number == 6 * says
+
+
+def test_what_white_noise_may_hide_is_said_and_only_there():
+    """f^-3 of a tenth of the noise's RMS: U of a plane held 0.6 to 0.8 of its tilts, and nothing shows it."""
+    f = np.hypot(np.fft.fftfreq(192)[:, None], np.fft.rfftfreq(192))
+    f[0, 0] = np.inf
+    for seed in range(3):
+        rng = np.random.default_rng([43, seed])
+        long = np.fft.irfft2(np.fft.rfft2(rng.standard_normal((192, 192))) * f**-1.5, (192, 192))
+        noise = rng.standard_normal((64, 64))
+        hidden = noise + 0.1 * long[:64, :64] / long[:64, :64].std()
+        texture = 2 * np.sqrt(np.pi) * gaussian_filter(rng.standard_normal((64, 64)), 1.0)
+        for z, says in ((noise, True), (hidden, True), (texture, False)):
+            found = fit(Surface(NM * z, STEP, STEP), "plane")
+            said = [w for w in found.warnings if "waviness as long as the map" in w]
+            assert bool(said) == says, seed
+            assert not said or (
+                said[0] in found.report() and said[0] in found.to_dict()["warnings"]
+            )

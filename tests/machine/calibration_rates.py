@@ -7,7 +7,7 @@ from two slides with delays and play. What is asked: is the truth within 2 u as 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from machine.drawn_machines import PIVOT, Machine
@@ -22,6 +22,7 @@ from metrosep.machine import (
     circle_test,
     presets,
 )
+from metrosep.machine._bases import CurveTerm
 
 NOISE = 1e-6
 BALLS = [(0.07, -0.03, 0.045), (-0.05, 0.06, 0.05), (0.02, 0.08, 0.11), (-0.06, -0.05, 0.09)]
@@ -212,7 +213,8 @@ def calibrated(name, seed, rate):
             continue
         known = u > 0.0  # home is zero by definition
         rate.add(term, off[known], u[known])
-        noise = replace(value, beyond=None).sd(x)  # without what the orders leave out
+        n = len(found.bases[term].labels)  # without what the orders leave out
+        noise = CurveTerm(value.coefficients[:n], value.cov[:n, :n], found.bases[term]).sd(x)
         rate.bare.setdefault(term, []).append((off[known], noise[known]))
         basis = found.bases[term]
         mine = [i for i, n in enumerate(found.names) if n.split(" ")[0] == term]

@@ -136,9 +136,43 @@ def test_u_is_larger_far_from_the_places():
     assert u[1] > 1.5 * max(u[0], u[2])
 
 
+def test_past_the_ends_u_holds_a_curve_that_goes_on():
+    """Read to 80 % of a travel with a wave; over 8 % more it runs on as it was."""
+    inside, size = [], []
+    for seed in range(8):
+        at, sign = 0.15 * seed, (-1) ** seed
+
+        def curve(t, at=at, sign=sign):
+            return 1e-6 * t**2 + wave(t, at, sign)
+
+        term = calibrated(curve, seed, places=0.8 * PLACES).errors["EXX"]
+        x = np.linspace(0.8, 0.864, 9)[1:]
+        off = term.evaluate(REACH * x) - (curve(x) - curve(np.zeros(1)))
+        inside.append(np.abs(off) <= 2.0 * term.sd(REACH * x))
+        size.append(term.sd(REACH * x))
+    assert np.mean(inside) > 0.9
+    assert np.median(size, axis=0)[-1] > 1.2 * np.median(size, axis=0)[0]
+    assert np.median(size) < 3e-6  # of 0.5 um: not without limit
+
+
+def test_what_is_stored_of_a_curve_is_the_curve():
+    """The sum over the orders in the document, by numpy, is what `evaluate` returns, orders beyond the fit too."""
+    found = calibrated(lambda t: wave(t, 0.3, 1), 2)
+    term = found.to_dict()["terms"]["EXX"]
+    order = np.array([int(name.split()[1]) for name in term["orders"]])
+    assert term["fitted"] == 3
+    assert order.size > 20
+    c = np.zeros(order.max() + 1)
+    c[order] = term["values"]
+    t = np.linspace(0.0, 1.0, 33)
+    P = np.polynomial.Legendre(c, domain=(0.0, 1.0))
+    assert found.errors["EXX"].evaluate(REACH * t) == pytest.approx(P(t) - P(0.0), abs=1e-15)
+    assert np.ptp(np.polynomial.Legendre(c[:4])(2.0 * t - 1.0)) < 0.5 * np.ptp(P(t))
+
+
 def test_u_of_places_is_that_of_the_curve():
     found = calibrated(lambda t: corner(t, 0.6, 1), 3)
-    x = REACH * np.array([0.3, 0.61, 0.97])
+    x = REACH * np.array([0.3, 0.61, 0.97, 1.04])
     u = found.u_at({"X": x, "Y": 0.0, "Z": 0.0})[:, 0]
     assert u == pytest.approx(found.errors["EXX"].sd(x), abs=1e-15)
 
@@ -177,3 +211,39 @@ def test_a_wave_that_two_axes_could_have_is_not_given_to_both():
         assert -0.05 < (of_x + of_y) @ wave / (wave @ wave) < 1.05  # once at most
         assert abs(of_y @ wave / (wave @ wave)) < 0.6  # half of it, where only the sum is seen
         assert np.mean(np.abs(of_x - wave) < 3.0 * found["EXX"].sd(x)) > 0.95
+
+
+def test_two_axes_that_both_go_on_are_both_found():
+    """X by its own laser, Y only by a diagonal with it: Y takes what X leaves of the diagonal, and no more."""
+    along = np.linspace(0.0, 0.4, 41)
+    places = np.concatenate([along, along[::-1], along])
+    half, inside, missed = 2**-0.5, [], []
+
+    def truth(x, length, size):
+        return size * np.sin(2 * np.pi * x / length)
+
+    for seed in range(3):
+        of = {"EXX": (0.05, 3e-6), "EYY": (0.063, -2e-6 - 0.5e-6 * seed)}
+        noise = 0.1e-6 * np.random.default_rng([seed, 4]).normal(size=(2, places.size))
+        x, y = (truth(places, *of[name]) for name in of)
+        sets = [
+            ReadingSet(
+                Displacement(direction=(half, half, 0.0)),
+                {"X": places, "Y": places, "Z": 0.0},
+                (x + y) * half + noise[0],
+                name="diagonal",
+            ),
+            ReadingSet(
+                Displacement(direction=(1, 0, 0)),
+                {"X": places, "Y": 0.0, "Z": 0.0},
+                x + noise[1],
+                name="x",
+            ),
+        ]
+        found = calibrate(presets("mill_xyz"), sets, terms=[*of], degrees=3)
+        for name, wave_of in of.items():
+            off = found.errors[name].evaluate(along[1:]) - truth(along[1:], *wave_of)
+            inside.append(np.abs(off) <= 2.0 * found.errors[name].sd(along[1:]))
+            missed.append(np.sqrt(np.mean(off**2)) / abs(wave_of[1]))
+    assert np.max(missed) < 0.1  # by the orders that are fitted alone 0.7
+    assert np.mean(inside) > 0.9

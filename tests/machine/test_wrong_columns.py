@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError, UnitError
-from metrosep.machine import Nest, ReadingSet, calibrate, presets
+from metrosep.machine import Length, Nest, ReadingSet, calibrate, presets
 
 UM = 1e-6
 BALL = (0.07, -0.03, 0.045)
@@ -159,3 +159,49 @@ def test_a_refusal_by_the_stated_noise_says_it_too():
     wrong = dataclasses.replace(set_of(order=(1, 0, 2), beside=BESIDE), u=0.1 * UM)
     with pytest.raises(DataError, match=r"contradicts .* reading_x and reading_y exchanged"):
         calibrate(presets("five_axis", pivot_height=PIVOT), [wrong], terms=TERMS, robust=False)
+
+
+STATIONS = [(-0.35, -0.3, -0.2), (0.8, -0.25, -0.15), (0.15, 0.75, -0.25)]
+
+
+def lengths(factor=1.0, away=(0.0, 0.0, 0.0), terms=("EXX", "EYY")):
+    """Distances from three trackers on a mill with a scale of X of 10 um/m; one file is multiplied by a factor."""
+    grid = np.stack(np.meshgrid([0.0, 0.2, 0.5], [0.0, 0.2, 0.4], [0.0, 0.1, 0.3]), axis=-1)
+    p, sets = grid.reshape(-1, 3), []
+    for k, station in enumerate(STATIONS):
+        real = np.add(station, (2e-3, -1e-3, 3e-3))
+        long = np.linalg.norm(p * [1 + 10e-6, 1, 1] - real, axis=1) + 0.4e-3
+        stated = np.add(station, away) if k == 1 else station
+        of = Length(station=tuple(stated))
+        q = dict(zip("XYZ", p.T, strict=True))
+        sets.append(
+            ReadingSet(
+                of,
+                q,
+                factor * long if k == 1 else long,
+                unknown=("station", "dead_path"),
+                total=True,
+                name=f"tracker {k + 1}",
+            )
+        )
+    return calibrate(presets("mill_xyz"), sets, terms=terms, degrees=2)
+
+
+@pytest.mark.parametrize(
+    ("away", "terms"), [((0.5, -0.4, 0.6), ("EXX", "EYY")), ((-0.9, 0.6, 0.3), None)]
+)
+def test_a_tracker_far_from_its_stated_station_is_found(away, terms):
+    """With all terms free the sets together ran away, the stations to 100 m."""
+    found = lengths(away=away, terms=terms)
+    assert found.unknowns["tracker 2"]["station"][0] == pytest.approx(
+        np.add(STATIONS[1], (2e-3, -1e-3, 3e-3)), abs=1e-5
+    )
+    if terms:  # the scale of one axis against the other: that of all is the unit of the lengths
+        x, y = (found.fitted[n].evaluate(0.4) for n in terms)
+        assert x - y == pytest.approx(4e-6, abs=1e-8)
+
+
+@pytest.mark.parametrize("factor", [-1.0, 25.4, 1 / 25.4])
+def test_lengths_that_no_station_explains_are_refused_by_the_name_of_their_set(factor):
+    with pytest.raises(DataError, match=r"tracker 2: there is no station .* unit and the sign"):
+        lengths(factor)

@@ -323,6 +323,29 @@ def test_a_short_standstill_is_named_with_place_and_size():
     )
 
 
+@pytest.mark.parametrize(
+    ("many", "step", "named"),
+    [(8, 0.0, True), (3, 0.0, False), (8, 60.0, False), (14, 60.0, True)],
+)
+def test_how_many_equal_readings_are_a_standstill_depends_on_how_fine_they_are(many, step, named):
+    """8 of 583 passed in silence; of readings in steps of half the noise, 8 in a row are chance."""
+
+    def still(z):
+        z[300 : 300 + many] = z[300]
+        return z
+
+    def in_steps(axis):
+        at(4, still)(axis)
+        if step:
+            for run in range(9):
+                axis.change(run, lambda z: step * np.round(z / step))
+
+    finding = separate(spoilt(in_steps, white=120.0), method="mean").runs["finding"]
+
+    assert finding[4].startswith("repeats") == named
+    assert not finding.drop(4).any()
+
+
 def test_a_jump_that_is_small_beside_the_error_is_named_with_place_and_size():
     def jump(z):
         z[320:] += 900.0  # nm, at 38 mm of an error of 1.5 um RMS: 4 % of its power

@@ -1,5 +1,7 @@
 """The joint separator against truth simulated by other code."""
 
+import math
+
 import numpy as np
 import pytest
 from acceptance.coverage.judge import metrosep_joint
@@ -214,10 +216,13 @@ def test_a_long_lag_of_a_slow_machine_is_corrected_whole(delay, waves):
     assert "corrected" in said[0]
 
 
-def test_a_slip_that_long_runs_resolve_is_in_the_band():
+@pytest.mark.parametrize("seed", [73, 74])
+def test_a_slip_that_long_runs_resolve_is_in_the_band(seed):
     """Balls that slip at the length of a real wave: 104 nm of error in a band of 8 nm.
 
     The noise model took the slip for a line at each of the three feedrates, and the real wave with it.
+    As harmonics of the period, of which none has its length, the slip of seed 74 lost a third of its
+    power to the noise: 68 nm of error in a band of 16 nm.
     """
     slow = Machine(
         travel_mm=106.0,
@@ -228,16 +233,21 @@ def test_a_slip_that_long_runs_resolve_is_in_the_band():
         white_nm=15.0,
         slip=((9.7, 160.0),),
     )
-    measured = simulate(slow, 73)
+    measured = simulate(slow, seed)
     estimate = metrosep_joint(measured.runs)
 
     at = np.linspace(1.0, 105.0, 401)
     error = estimate.evaluate(at * 1e-3) * 1e9 - measured.truths[1](at)
     error -= np.polynomial.Polynomial.fit(at, error, 1)(at)
     band = 1e9 * estimate.sd(at * 1e-3)
-    assert np.mean(np.abs(error) < 2.0 * band) > 0.9
-    assert np.sqrt(np.mean(band**2)) > 0.5 * 38.0  # it was 8 nm
-    assert np.std(error) < 3.0 * 38.0  # 160 nm / sqrt(2) / 3: what nine phases leave in the mean
+    mean = 160.0 / math.sqrt(2.0) / 3.0  # nm: what nine phases leave in the mean of the runs
+    assert 0.75 * mean < np.sqrt(np.mean(band**2)) < 1.25 * mean
+    assert np.std(error) < 2.0 * mean
+    slip = estimate.audit["slip"]
+    assert len(slip) == 1
+    assert abs(slip[0]["wavelength_mm"] - 9.7) < 0.01  # 1 % of one over the travel
+    # one amplitude, nine phases, 60 nm of vibration beside it
+    assert abs(math.sqrt(2.0) * slip[0]["sd_nm"] / 160.0 - 1.0) < 0.15
     said = [m for m in estimate.messages if "another phase in each run" in m]
     assert len(said) == 1
     assert "which the uncertainty holds" in said[0]

@@ -27,7 +27,7 @@ from metrosep.separation.runs.noise import (
     fit_noise,
     level_spread,
 )
-from metrosep.separation.runs.posterior import Model, RunEquations, Wave, averaged
+from metrosep.separation.runs.posterior import Model, RunEquations, Slip, Wave, averaged
 from metrosep.separation.runs.sensor import LAG_PRIOR, chance_of_lag, lag_score, likely_lag
 from metrosep.separation.runs.waves import _scores, find_slip
 
@@ -86,6 +86,11 @@ def model(noise):
     return made
 
 
+def slip_of_4():
+    """The fourth harmonic, as a wave that slips."""
+    return Slip(4.0 / 33.6, np.eye(1 + 2 * K)[:, [4, 4 + K]], 400.0)
+
+
 def test_whitening_is_exact_from_the_first_sample(noise):
     z = reading(0)[1][:60]
     white = exact_rows([z[:, None]], noise, [slice(0, 60)])[:, 0]
@@ -140,20 +145,20 @@ def test_runs_of_one_velocity_are_turned_as_one(model, apart, groups, away):
         replace(r, gram=1.3 * r.gram, right=0.7 * r.right, velocity=r.velocity * (1.0 + apart))
         for r in model.runs
     ]
-    model.slip[3], model.sensor = 400.0, Sensor(1e-3, 2.5e-7)
+    c, w = model.extension.wave(0.11), model.extension.wavenumbers  # between harmonics
+    model.slip, model.sensor = [Slip(0.11, c, 400.0)], Sensor(1e-3, 2.5e-7)
     model.take([*model.runs, *more])
-    at, w = [4, 4 + K], model.extension.wavenumbers
     gram, right = 0.0, 0.0
     for run in model.runs:
-        own = np.linalg.inv(run.gram[np.ix_(at, at)] + np.eye(2) / 400.0)
+        own = np.linalg.inv(c.T @ run.gram @ c + np.eye(2) / 400.0)
         h = np.exp(-1j * w * run.velocity * 0.5e-3) / (1 + 1j * w * run.velocity * 0.5e-3)
         turn = np.eye(1 + 2 * K)
         turn[1:, 1:] = np.block(
             [[np.diag(h.real), np.diag(h.imag)], [np.diag(-h.imag), np.diag(h.real)]]
         )
-        held = run.gram[:, at] @ own
-        gram = gram + turn.T @ (run.gram - held @ run.gram[at]) @ turn
-        right = right + turn.T @ (run.right - held @ run.right[at])
+        held = run.gram @ c @ own
+        gram = gram + turn.T @ (run.gram - held @ c.T @ run.gram) @ turn
+        right = right + turn.T @ (run.right - held @ c.T @ run.right)
 
     assert len(model.by_speed) == groups
     assert np.abs(model.total[0] - gram).max() < away * np.abs(gram).max()
@@ -363,7 +368,7 @@ def test_the_gradient_of_the_evidence_with_the_lag_is_its_difference_quotient(
 def test_equations_of_a_slipping_run_that_have_no_factor_are_refused(model):
     """A matrix that no readings can have: what came of it passed as a solution."""
     broken = replace(model.runs[0], gram=-1e6 * np.eye(model.runs[0].gram.shape[0]))
-    model.slip[3] = 400.0
+    model.slip = [slip_of_4()]
 
     with pytest.raises(DegenerateFitError, match="do not determine"):
         model.take([broken, *model.runs[1:]])
@@ -410,7 +415,7 @@ def test_a_wave_that_slips_repeats_by_nothing_to_as_much_as_it_slips(model):
     runs = model.runs
     model = Model(Extension(0.0, 24.0, K), Spectrum(K))
     model.spectrum.phi = model.spectrum.phi + math.log(3000.0)
-    model.slip[3] = 400.0
+    model.slip = [slip_of_4()]
     model.take(runs)
     (gram, right), out = model.total, []
     k = np.arange(1, K + 1)

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from metrosep.separation.runs.geometry import Extension, Sensor, Spectrum
 from metrosep.separation.runs.leave_out import run_scores
 from metrosep.separation.runs.noise import NoiseModel, burg as burg_of_ours, exact_rows
-from metrosep.separation.runs.posterior import Model, RunEquations
+from metrosep.separation.runs.posterior import Model, RunEquations, Slip
 from metrosep.separation.runs.sensor import chance_of_lag, lag_score
 from metrosep.separation.runs.waves import p_values
 
@@ -427,7 +427,7 @@ class Estimator:
             found[name] = [h.real, h.imag]
         change = Sensor(1e-3, 0.25e-6).log_changes(wave, 120.0)[1][0]
         found["d ln H / dq"] = [change.real, change.imag]
-        model.slip[3] = 400.0
+        model.slip.append(Slip(4.0 / P_MM, np.eye(1 + 2 * K)[:, [4, 4 + K]], 400.0))
         model.apply()
         slipping = model.solve()
         found["slip m_4"] = slipping.theta[[4, 4 + K]]

@@ -1,24 +1,35 @@
 """Spectra of discs, holes and gaps: Parseval, one-sided integrals, and made surfaces of known spectrum."""
 
+from functools import cache
+
 import numpy as np
 import pytest
+from scipy import fft
 
 from metrosep import Profile, Surface
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.spectral import masked_psd, profile_psd
+from metrosep.spectral.density import band_rms
+from metrosep.spectral.dft import Band
 
 UM = 1e-6
 N, WIDE = 192, 768
 
 
+@cache
+def amplitude(exponent):
+    f = np.hypot(np.fft.fftfreq(WIDE)[:, None], np.fft.rfftfreq(WIDE))
+    f[0, 0] = 1.0
+    return f ** (-exponent / 2)
+
+
+@cache
 def made(seed, exponent, n=N):
     """A surface of density f^-B in waves per pixel, cut from a four times wider one: no edges meet."""
-    rng = np.random.default_rng(seed)
-    fx = np.fft.fftfreq(WIDE)
-    f = np.hypot(fx[:, None], fx)
-    f[0, 0] = 1.0
-    spectrum = np.fft.fft2(rng.standard_normal((WIDE, WIDE))) * f ** (-exponent / 2)
-    return np.fft.ifft2(spectrum).real[:n, :n]
+    spectrum = fft.rfft2(np.random.default_rng(seed).standard_normal((WIDE, WIDE)))
+    z = fft.irfft2(spectrum * amplitude(exponent), s=(WIDE, WIDE))[:n, :n].copy()
+    z.setflags(write=False)  # kept for the tests that look at the same map
+    return z
 
 
 def disc(n=N):
@@ -289,3 +300,30 @@ def test_what_has_no_spectrum_is_refused():
         masked_psd(Surface(z[:5], 1.0, 1.0))
     with pytest.raises(DataError, match="detrend"):
         masked_psd(Surface(z, 1.0, 1.0), detrend="cubic")
+
+
+@pytest.mark.parametrize("width", [1, 3])
+def test_short_waves_that_closed_gaps_take_are_given_back(width):
+    """Sums of cosines, A / f^2: what they hold in a band is known without any transform.
+
+    With 15 % in closed gaps the waves shorter than 4 samples read 0.77 to 0.80 of their density.
+    """
+    n, seeds = 1000, 10
+    x = np.arange(n) * UM
+    ratios = []
+    for seed in range(seeds):
+        rng = np.random.default_rng([seed, width])
+        f = (np.arange(0.4, 500, 0.4) + rng.uniform(-0.1, 0.1, 1249)) / (n * UM)
+        a = np.sqrt(2 * 1e-18 / f**2 * 0.4 / (n * UM))
+        z = np.cos(2 * np.pi * np.outer(x, f) + rng.uniform(0, 2 * np.pi, f.size)) @ a
+        for at in np.cumsum(width + rng.integers(1, 11 * width, int(0.15 * n / width))):
+            z[at : at + width] = np.nan
+        found = masked_psd(Profile(x, z), max_filled=0.2)
+        psd = found.one_sided[0]
+        ratios.append([])
+        for low, high in ((64, 128), (128, 256), (256, 500)):
+            band = Band(shortest=n * UM / high, longest=n * UM / low)
+            held = np.sum(a[(f * n * UM >= low) & (f * n * UM < high)] ** 2) / 2
+            ratios[-1].append(band_rms(psd, band) ** 2 / held)
+    assert found.holes == "closed"
+    assert np.mean(ratios, axis=0) == pytest.approx(np.ones(3), rel=0.0, abs=0.12)  # 4 % scatter

@@ -190,12 +190,10 @@ def is_comment(line: str, prefix: str | None = None) -> bool:
         return text.startswith(prefix)
     if text.startswith(("#", "%", "!", "//")):
         return not is_error_cell(text)  # else a row whose first cell has no value
-    if re.match(r";[^;\s]+[^;]*;", text):
+    if not text.startswith(";") or re.match(r";[^;\s]+[^;]*;", text):
         return False  # names or values behind an empty field
-    if text.startswith(";"):
-        rest = text.lstrip("; \t")
-        return bool(rest) and not NUMBER_LIKE.match(rest)
-    return False
+    rest = text.lstrip("; \t")
+    return bool(rest) and not NUMBER_LIKE.match(rest)
 
 
 def is_number(field: str, decimal: str) -> bool:
@@ -550,8 +548,10 @@ def _fit(
 ) -> _Fit | None:
     """Return the rows of a sample under a dialect: the commonest number of fields makes the table."""
     with_groups = dialect if dialect.thousands else replace(dialect, thousands=dialect.other_mark)
-    head = dialect.split(sample[:n_head])
-    if not any(_has_numbers(row[labelled:], dialect, with_groups) for row in head):
+    first = tuple(sample[:n_head])
+    known_rows = _rows_of if sum(map(len, first)) <= _MOST_KEPT else _rows_of.__wrapped__
+    head = known_rows(first, dialect, with_groups, labelled)
+    if head is None:
         return None  # no row among the first lines, whatever the others are
     split = [*head, *dialect.split(sample[n_head:])]
     known = _kinds_of({f for row in split for f in row}, dialect, with_groups)
@@ -674,9 +674,25 @@ def _kinds_of(fields: set[str], dialect: Dialect, grouped: Dialect) -> dict[str,
     return {f: kinds.get(f) or kinds.setdefault(f, _kind(f, dialect, grouped)) for f in fields}
 
 
-def _has_numbers(fields: Sequence[str], dialect: Dialect, grouped: Dialect) -> bool:
+_MOST_KEPT = 100_000
+"""Characters of first lines that are kept: a file is read right after it was recognised."""
+
+
+@lru_cache(maxsize=16)
+def _rows_of(
+    lines: tuple[str, ...], dialect: Dialect, grouped: Dialect, labelled: bool
+) -> list[list[str]] | None:
+    """Return the fields of the first lines, which nobody changes; None where no line is a row of numbers."""
+    split, kinds = dialect.split(lines), _known_kinds(dialect, grouped)
+    found = any(_has_numbers(row[labelled:], kinds, dialect, grouped) for row in split)
+    return split if found else None
+
+
+def _has_numbers(
+    fields: Sequence[str], kinds: dict[str, str], dialect: Dialect, grouped: Dialect
+) -> bool:
     """Whether fields are a row of numbers; under another decimal mark the first of a thousand says no."""
-    kinds, counted = _known_kinds(dialect, grouped), False
+    counted = False
     for field in fields:
         kind = kinds.get(field) or kinds.setdefault(field, _kind(field, dialect, grouped))
         if kind == "odd":

@@ -139,10 +139,9 @@ def _motions(found: Any, seen: dict[str, Any]) -> dict[str, Quantity]:
         x = _places(found, name)
         value = term.evaluate(x)
         # the extremes hang together by the coefficients
-        basis, cov = term.whole
-        ends = basis.at(x[[int(np.argmax(value)), int(np.argmin(value))]])
+        ends = term.basis.at(x[[int(np.argmax(value)), int(np.argmin(value))]])
         apart = ends[0] - ends[1]
-        u = math.sqrt(max(float(apart @ cov @ apart), 0.0))
+        u = math.sqrt(max(float(apart @ term.cov @ apart), 0.0))
         text = (
             f"P-V of {name} over the places that were read; u with the covariance of the extremes"
         )

@@ -141,14 +141,17 @@ class CircleTested(Method):
         rest = dict(options)
         layout = {k: v for k, v in data.options.items() if k not in cls.roles}
         columns = {k: v for k, v in data.options.items() if k in cls.roles}
-        log = read_circle_log(data.paths, radius=rest["radius"], columns=columns, **layout)
+        plane = rest.get("plane", "XY")
+        log = read_circle_log(
+            data.paths, radius=rest["radius"], columns=columns, plane=plane, **layout
+        )
         test = circle_test(
             log.angle,
             log.ccw,
             log.cw,
             radius=rest["radius"],
             feed=rest["feed"],
-            plane=rest.get("plane", "XY"),
+            plane=plane,
             calibrated=not rest.get("uncalibrated", False),
         )
         return CircleRun(test, log.messages)

@@ -212,10 +212,12 @@ def _shift_line(
     """Return place and delay that fit most of the chosen shifts, and the cost of what is left."""
     columns = np.column_stack([np.ones(v.size), v])[:, : 2 if several else 1]
     weight = np.where(chosen, 1.0 / u, 0.0)
-    fit = np.zeros(columns.shape[1])
+    fit = np.full(columns.shape[1], np.nan)
     for _ in range(50):  # least absolute residuals: a displaced run does not pull the line
-        root = np.sqrt(weight)
+        root, before = np.sqrt(weight), fit
         fit = np.linalg.lstsq(columns * root[:, None], d * root, rcond=None)[0]
+        if np.array_equal(fit, before):  # and so would all later ones be
+            break
         weight = np.where(chosen, 1.0 / u / np.maximum(np.abs(d - columns @ fit) / u, 0.3), 0.0)
     # Of three single runs any two lie on a line: no delay at all may be the likelier one.
     found = []

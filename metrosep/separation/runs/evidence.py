@@ -704,44 +704,29 @@ def lost_below(sd: float) -> float:
 
 
 def explain_slip(solution: Solution, *, sparse: bool, placed: bool) -> tuple[str, ...]:
-    """Name the waves that have another phase in each run, neighbouring harmonics as one.
+    """Name the waves that have another phase in each run.
 
     Where the runs are not placed yet, their places may be the reason.
     """
-    groups: list[list[int]] = []
-    for length in sorted(solution.slip, reverse=True):
-        k = round(solution.period / length)
-        if groups and k - groups[-1][-1] <= 2:
-            groups[-1].append(k)
-        else:
-            groups.append([k])
     sentences = []
-    for group in groups:
-        power = np.array([solution.slip[solution.period / k] ** 2 for k in group])
-        amplitude = math.sqrt(2.0 * float(power.sum()))
-        length = solution.period * float(power.sum()) / float(power @ np.array(group))
-        n = solution.n_harmonics
-        variance = np.diag(solution.covariance)
-        known = math.sqrt(sum(0.5 * float(variance[k] + variance[n + k]) for k in group))
+    for slip in solution.slip:
+        amplitude = math.sqrt(2.0) * slip.sd
         rest = (
             "it is not in the estimate, but in the uncertainty; a real wave of that length is taken "
             "for absent (slip='sparse')"
             if sparse
-            else f"a real wave of that length is known to {known / _NM:.2g} nm only, which the "
+            else f"a real wave of that length is known to {slip.u_amplitude / _NM:.2g} nm only, which the "
             "uncertainty holds"
         )
-        own = max(float(np.hypot(*solution.coefficients[[k, n + k]])) for k in group)
-        near = [w for w in solution.waves if abs(solution.period / w.wavelength - group[0]) < 2.0]
-        own = max([own, *(math.hypot(w.cosine, w.sine) for w in near)])
         # A displacement d turns the phase of a wave of the error by 2 pi d / length.
         displaced = (
             " (runs that lie apart along the axis look alike where the error has a wave of that "
             "length: position_offsets=true, command line --set position_offsets=true, fits their places)"
-            if own > amplitude and not placed
+            if slip.amplitude > amplitude and not placed
             else ""
         )
         sentences.append(
-            f"a wave of {length / _MM:.2g} mm, {amplitude / _NM:.2g} nm, has another phase in each "
+            f"a wave of {slip.wavelength / _MM:.2g} mm, {amplitude / _NM:.2g} nm, has another phase in each "
             f"run{displaced}: {rest}; more runs reduce it"
         )
     return tuple(sentences)

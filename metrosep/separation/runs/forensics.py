@@ -41,8 +41,11 @@ __all__ = ["Named", "RunChecks", "check_runs"]
 
 Named = str | Sequence[str]
 
-_STREAK, _STILL = 20, 10
-"""Equal readings in a row that noise never makes: of two runs, one given twice; of one, standing still."""
+_STREAK = 20
+"""Equal readings in a row of two runs that noise never makes: one was given twice."""
+
+_STILL = 1e-6
+"""Chance of so many equal readings in a row, as neighbours are equal elsewhere, from which they are named."""
 
 _SAME = 1e-13
 """m; rises from sample to sample that agree so closely are the same ones."""
@@ -365,7 +368,7 @@ def _check_alone(index: int, run: Run, found: Findings) -> float:
     for at, side in ((values.size - 1, "largest"), (0, "smallest")):
         near = counts[max(at - 3, 0) : at] if at else counts[1:4]
         same = z == values[at]
-        row = max((int(s) for i, s in streaks if same[i]), default=0)
+        row = int(streaks[same[streaks[:, 0]], 1].max(initial=0))
         often = counts[at] >= max(3, _LIMIT_SHARE * n) and (row >= 3 or counts[at] > 4)
         often = often and near.size == 3  # fewer values are a coarse step, not a limit
         if often and counts[at] > _LIMIT_PEAK * float(near.mean()):
@@ -382,7 +385,7 @@ def _check_alone(index: int, run: Run, found: Findings) -> float:
             at=float(run.x[valid[np.argmax(z == value)]]),
             size=value,
         )
-    elif size > max(_STILL, 0.02 * n) and not step and not held:
+    elif not step and not held and _stands(z, size):
         place = float(run.x[valid[first]])
         found.say(
             index,
@@ -428,6 +431,16 @@ def _step(z: FloatArray, values: FloatArray, used: NDArray[np.bool_]) -> tuple[f
         if whole and (often or step > _COARSE * noise):
             return step, 0.0
     return 0.0, 1.0 / (1.0 - repeat) if often and repeat < 1.0 else 0.0
+
+
+def _stands(z: FloatArray, size: int) -> bool:
+    """Return whether so many equal readings in a row are more than chance: n p^(size - 1) is rare.
+
+    p is the share of equal neighbours beside them, one more counted: coarse readings repeat now and then.
+    """
+    elsewhere = int((np.diff(z) == 0.0).sum()) - (size - 1)
+    p = (elsewhere + 1.0) / (z.size - size + 1.0)
+    return math.log(z.size) + (size - 1) * math.log(p) < math.log(_STILL)
 
 
 def _streaks(z: FloatArray) -> NDArray[np.intp]:

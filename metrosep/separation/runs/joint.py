@@ -723,8 +723,8 @@ def joint_audit(
             for w in solution.waves
         ],
         "slip": [
-            {"wavelength_mm": length / _MM, "sd_nm": sd / _TABLES_NM}
-            for length, sd in solution.slip.items()
+            {"wavelength_mm": s.wavelength / _MM, "sd_nm": s.sd / _TABLES_NM}
+            for s in solution.slip
         ],
         "constants": CONSTANTS,
         "noise_model": [

@@ -25,10 +25,20 @@ from metrosep.separation.runs.geometry import (
 )
 from metrosep.separation.runs.noise import level_spread
 
-__all__ = ["PLACED", "Answer", "Model", "Posterior", "RunEquations", "Wave", "averaged"]
+__all__ = [
+    "DONE",
+    "PLACED",
+    "Answer",
+    "Model",
+    "Posterior",
+    "RunEquations",
+    "Slip",
+    "Wave",
+    "averaged",
+]
 
-_DONE = 0.03
-"""A learning ends when no knot of ln s^2 moves by more."""
+DONE = 0.03
+"""A learning ends when no knot of ln s^2, or logarithm of a variance, moves by more."""
 
 _CAP = 4.0
 """Largest (a^2 + b^2)/s^2 of one harmonic for a broad part that must not swallow a line."""
@@ -136,12 +146,21 @@ class Wave:
 
 
 @dataclass(slots=True, eq=False)
+class Slip:
+    """A wave that is tied to the position and has another phase in each run."""
+
+    wavenumber: float  # 1/m
+    columns: FloatArray  # shape (1 + 2 K, 2): cosine, sine
+    variance: float  # Lambda, of the cosine and the sine of one run
+
+
+@dataclass(slots=True, eq=False)
 class Posterior:
     """Solution of one model; its columns are some coordinates, then those of the waves."""
 
     mean: FloatArray  # shape (n,), of the columns in use
     used: IntArray  # coordinates in use
-    waves: FloatArray  # shape (N, m): columns of the waves
+    waves: FloatArray  # shape (N, m): columns of what slips and repeats, then of the waves
     root: FloatArray  # shape (n, n): covariance = root @ root.T
     evidence: float  # ln evidence, but for a term that does not depend on the prior
     _spread: FloatArray | None = None
@@ -212,9 +231,9 @@ class Model:
     extra_precision: FloatArray = field(default_factory=lambda: np.empty(0))
     waves: list[Wave] = field(default_factory=list)
     sensor: Sensor = field(default_factory=Sensor)
-    slip: FloatArray = field(default_factory=lambda: np.empty(0))  # Lambda_k, shape (K,)
-    slip_is_geometry: bool = True  # prior variance of a slipping wave counts its slip (eq. 24)
-    repeats: float = 1.0  # share of the variance of the slip that counts
+    slip: list[Slip] = field(default_factory=list)
+    slip_is_geometry: bool = True  # what slips may repeat as well (eq. 24)
+    repeats: float = 1.0  # variance of what repeats over that of the slip
     kept: int = 0  # harmonics in use; all K in the last solution
     runs: list[RunEquations] = field(default_factory=list)  # as read
     # sums over the runs of one velocity, as read and as seen
@@ -232,7 +251,6 @@ class Model:
     _roots: tuple[FloatArray, list[FloatArray]] = field(default_factory=lambda: (np.empty(0), []))
 
     def __post_init__(self) -> None:
-        self.slip = np.zeros(self.extension.n)
         self.kept = self.extension.n
 
     @property
@@ -269,14 +287,14 @@ class Model:
         from scipy.linalg.lapack import dpotrf, dtrtrs
 
         gram, right = whole.gram, whole.right
-        at = self.slipping()
-        if at.size:
-            own = np.diag(1.0 / np.tile(self.slip[self.slip > 0.0], 2))
+        if self.slip:
+            columns, own = self.slipping()
             parts = []
             for run in runs:
-                factor, info = dpotrf(run.gram[np.ix_(at, at)] + own, lower=1)
+                held = columns.T @ run.gram
+                factor, info = dpotrf(held @ columns + own, lower=1)
                 _check_factor(info)
-                side = np.column_stack([run.gram[at], run.right[at]])
+                side = np.column_stack([held, columns.T @ run.right])
                 parts.append(dtrtrs(factor, side, lower=1)[0])
             half = np.concatenate(parts)
             gram = gram - half[:, :-1].T @ half[:, :-1]
@@ -287,10 +305,10 @@ class Model:
             right = filtered(right, h)
         return replace(whole, gram=gram, right=right)
 
-    def slipping(self) -> IntArray:
-        """Return the coordinates with a part that differs from run to run, cosines first."""
-        k = np.flatnonzero(self.slip > 0.0)
-        return np.asarray(np.concatenate([1 + k, 1 + self.extension.n + k]))
+    def slipping(self) -> tuple[FloatArray, FloatArray]:
+        """Return the columns of what slips, shape (N, m), and the prior precision of one run's, (m, m)."""
+        own = np.repeat([1.0 / s.variance for s in self.slip], 2)
+        return self._expanded([s.columns for s in self.slip]), np.diag(own)
 
     def state(self) -> tuple[Sensor, FloatArray, tuple[float, ...]]:
         """Return sensor, spectrum and strength of the waves, for `back_to`."""
@@ -306,35 +324,42 @@ class Model:
     # ---- solution --------------------------------------------------------------------------
 
     def wave_columns(self) -> FloatArray:
-        """Return the columns of the waves, shape (N, m)."""
-        size = 1 + 2 * self.extension.n + self.n_extra
-        out = np.zeros((size, sum(w.columns.shape[1] for w in self.waves)))
-        if self.waves:
-            out[: 1 + 2 * self.extension.n] = np.hstack([w.columns for w in self.waves])
-        return out
+        """Return the columns of what slips and repeats, and of the waves, shape (N, m)."""
+        return self._expanded(self._columns())
+
+    def _columns(self) -> list[FloatArray]:
+        return [s.columns for s in self._repeating()] + [w.columns for w in self.waves]
+
+    def _repeating(self) -> list[Slip]:
+        return self.slip if self.slip_is_geometry and self.repeats > 0.0 else []
+
+    def _expanded(self, columns: list[FloatArray]) -> FloatArray:
+        """Return columns of the basis side by side in all coordinates."""
+        size = 1 + 2 * self.extension.n
+        return np.vstack(
+            [
+                np.hstack([np.empty((size, 0)), *columns]),
+                np.zeros((self.n_extra, sum(c.shape[1] for c in columns))),
+            ]
+        )
 
     def harmonics(self) -> BoolArray:
         """Return which harmonics are in use."""
-        k = np.arange(self.extension.n)
-        return np.asarray((k < self.kept) | (self.slip > 0.0))
+        return np.asarray(np.arange(self.extension.n) < self.kept)
 
     def used(self) -> IntArray:
-        """Return the coordinates in use: line, kept and slipping harmonics, extra."""
+        """Return the coordinates in use: line, kept harmonics, extra."""
         on = self.harmonics()
         ones = np.concatenate([[True], on, on, np.ones(self.n_extra, dtype=bool)])
         return np.flatnonzero(ones)
 
-    def prior_variance(self) -> FloatArray:
-        """Return the prior variance of each harmonic, shape (K,)."""
-        repeats = self.repeats if self.slip_is_geometry else 0.0
-        return self.spectrum.variance + repeats * self.slip
-
     def precision(self) -> FloatArray:
         """Return the prior precision of the columns in use."""
         on = self.harmonics()
-        waves = 1.0 / self.prior_variance()[on]
+        waves = 1.0 / self.spectrum.variance[on]
         shift = (self.extension.travel / SHIFT_SHARE) ** 2
-        own = [
+        own = [np.full(2, 1.0 / (self.repeats * s.variance)) for s in self._repeating()]
+        own += [
             np.concatenate([np.full(2, 1.0 / w.variance), np.full(w.columns.shape[1] - 2, shift)])
             for w in self.waves
         ]
@@ -342,7 +367,7 @@ class Model:
 
     def solve(self) -> Posterior:
         """Solve for the coefficients (eq. 8), unless the last solution is of the same equations."""
-        asked = (self.total[0], self.precision(), self.used(), [w.columns for w in self.waves])
+        asked = (self.total[0], self.precision(), self.used(), self._columns())
         if self.post is None or not _same(asked, self._solved):
             self.post = self._solution(*self.total, *asked[1:3], self.wave_columns())
             self._solved = asked
@@ -396,7 +421,7 @@ class Model:
             score, information = self.scores(post, cap=cap)
             change = self.spectrum.step(score, information)
             self._learn_waves(post)
-            if change < _DONE:
+            if change < DONE:
                 break
         self.solve()
 
@@ -405,22 +430,18 @@ class Model:
         on = self.harmonics()
         n, used = self.extension.n, int(on.sum())
         variance = self.spectrum.variance
-        whole = self.prior_variance()
         spread = post.spread
-        share = np.zeros(n)
-        share[on] = variance[on] / whole[on]  # d ln(s^2 + Lambda) / d ln s^2
         score, information = np.zeros(n), np.zeros(n)
         power = np.zeros(n)
         for first in (1, 1 + used):
             part = slice(first, first + used)
-            gamma = 1.0 - spread[part] / whole[on]
-            power[on] += post.mean[part] ** 2 / whole[on]
+            gamma = 1.0 - spread[part] / variance[on]
+            power[on] += post.mean[part] ** 2 / variance[on]
             score[on] -= 0.5 * gamma
             information[on] += 0.5 * gamma**2
         if cap:
             power = np.minimum(power, _CAP)
-        score += 0.5 * power
-        return score * share, information * share**2
+        return score + 0.5 * power, information
 
     def _learn_waves(self, post: Posterior) -> None:
         spread = post.spread
@@ -501,16 +522,12 @@ class Model:
         used = int(on.sum())
         _, information = self.scores(post)
         precision = self.spectrum.information(information)
-        variance = self.spectrum.variance
-        whole = self.prior_variance()
-        share = (variance / whole)[on]
+        variance = self.spectrum.variance[on]
         weighted = np.zeros((post.mean.size, self.spectrum.phi.size))
         for first in (1, 1 + used):
             part = slice(first, first + used)
             # dM/dphi = - diag(B s^-2), so dm/dphi = C diag(B s^-2) m
-            weighted[part] = (
-                self.spectrum.hats[on] * (share * post.mean[part] / whole[on])[:, None]
-            )
+            weighted[part] = self.spectrum.hats[on] * (post.mean[part] / variance)[:, None]
         change = post.expanded(post.root @ (post.root.T @ weighted))
         return np.asarray(change @ np.linalg.cholesky(np.linalg.inv(precision)))
 
@@ -520,7 +537,7 @@ class Model:
         Where waves slip, it is averaged over how much of them repeats: from nothing to as much as
         slips. Either end alone is a band that is wrong at the other, or an error that need not be.
         """
-        shares = _REPEATS if self.slip_is_geometry and self.slip.any() else (1.0,)
+        shares = _REPEATS if self.slip_is_geometry and self.slip else (1.0,)
         logs, means, plains, covariances = [], [], [], []
         for share in shares:
             self.repeats = share**2

@@ -393,6 +393,7 @@ def _gains_and_shifts(
     out_gain, out_shift = np.full((len(z), 2), np.nan), np.full((len(z), 3), np.nan)
     unlike = np.full((len(z), 3), np.nan)
     aligned, keep, inside = z, np.ones(x.size), x
+    shared = _Columns(inside, aligned, keep)
     for fitting in range(_FITTINGS):  # white noise first: a model of a misfit would hide it
         # One range that every run covers wherever it is moved: no run drops out at an end.
         first = x[0] + max(0.0, -float(shift[rows].min())) + _MARGIN * np.ptp(x)
@@ -402,13 +403,9 @@ def _gains_and_shifts(
             aligned = _aligned(splines, inside, shift, gain)
             keep = _repeating(aligned[table.reference])
             step = np.zeros(len(z))
-            shared: dict[bytes, FloatArray] = {}  # runs of one feedrate have the same others
+            shared = _Columns(inside, aligned, keep)
             for i in rows:
-                own = others[i].tobytes()
-                if own not in shared:
-                    shared[own] = _columns(inside, aligned, others[i], keep)
-                columns = shared[own]
-                out_gain[i], change = _solve(columns, aligned[i] * gain[i], models[i])
+                out_gain[i], change = _solve(shared.of(others[i]), aligned[i] * gain[i], models[i])
                 if math.isfinite(change[0]):
                     out_shift[i, :2] = shift[i] + change[0], change[1]
                     step[i] = share[i] * change[0]
@@ -431,10 +428,7 @@ def _gains_and_shifts(
                 break
         if fitting == _FITTINGS - 1:
             break
-        rests = {}
-        for i in rows:
-            columns = _columns(inside, aligned, others[i], keep)
-            rests[i] = gain[i] * _rest(columns, aligned[i])
+        rests = {i: gain[i] * _rest(shared.of(others[i]), aligned[i]) for i in rows}
         for i in rows:
             models[i] = _noise(
                 [
@@ -444,20 +438,19 @@ def _gains_and_shifts(
                     and (j == i or (table.reference[j] and table.reference[i]))
                 ]
             )
+    means = _Columns(inside, aligned, keep, middle=np.nanmean)
     for i in rows:
-        out_shift[i, 2] = _by_reference(
-            inside, aligned, others[i], keep, aligned[i] * gain[i], models[i]
-        )
-        columns = _columns(inside, aligned, others[i], keep)
+        out_shift[i, 2] = _by_reference(means, others[i], aligned[i] * gain[i], models[i])
+        error = shared.of(others[i])[:, 0]
         mirrored = _flat(inside, splines[i](x[0] + x[-1] - inside))
-        unlike[i, :2] = [_unlike(row, columns[:, 0], keep) for row in (aligned[i], mirrored)]
+        unlike[i, :2] = [_unlike(row, error, keep) for row in (aligned[i], mirrored)]
         unlike[i, 2] = max(float(keep.sum()), _LEAST_WAVES)
     few = [i for i in rows if others[i].sum() < _LEAST_FREEDOM]
     if few:  # two others hardly know by what they differ: what all the runs show of it is pooled
         out_shift[few, 2] = math.sqrt(float(np.mean(out_shift[few, 2] ** 2)))
     out_shift[:, 0] -= float(np.median(out_shift[table.reference, 0]))
-    error, slope = _sizes(table)
-    out_gain[:, 1] = np.hypot(out_gain[:, 1], coarse / math.sqrt(12.0) / error)
+    size_of_error, slope = _sizes(table)
+    out_gain[:, 1] = np.hypot(out_gain[:, 1], coarse / math.sqrt(12.0) / size_of_error)
     out_shift[:, 1] = np.hypot(out_shift[:, 1], coarse / math.sqrt(12.0) / slope)
     return out_gain, out_shift, unlike
 
@@ -500,12 +493,7 @@ def _spline(x: FloatArray, row: FloatArray) -> Callable[[FloatArray], FloatArray
 
 
 def _by_reference(
-    x: FloatArray,
-    aligned: FloatArray,
-    others: NDArray[np.bool_],
-    keep: FloatArray,
-    z: FloatArray,
-    model: AutoregressiveModel,
+    means: _Columns, others: NDArray[np.bool_], z: FloatArray, model: AutoregressiveModel
 ) -> float:
     """Return what a shift changes with the choice of the runs compared with (jackknife).
 
@@ -520,8 +508,7 @@ def _by_reference(
     for block in blocks:
         left = others.copy()
         left[block] = False
-        columns = _columns(x, aligned, left, keep, middle=np.nanmean)
-        found.append(_solve(columns, z, model)[1][0])
+        found.append(_solve(means.of(left), z, model)[1][0])
     n = len(blocks)
     return math.sqrt((n - 1) / n * float(((np.array(found) - np.mean(found)) ** 2).sum()))
 
@@ -640,26 +627,39 @@ def _medians(rows: FloatArray, axis: int = 0) -> FloatArray:
     return np.asarray((low + high) / 2.0)
 
 
-def _columns(
-    x: FloatArray,
-    aligned: FloatArray,
-    others: NDArray[np.bool_],
-    keep: FloatArray,
-    middle: Callable[..., Any] | None = None,
-) -> FloatArray:
-    """Return what the others read, its change with a shift, a constant and a line."""
-    from scipy.fft import dct, idct, idst
+class _Columns:
+    """What other runs read and its change with a shift, computed once where runs have the same others."""
 
-    rows = aligned[others]
-    known = ~np.isnan(rows).all(axis=0)
-    g = np.zeros(x.size)
-    g[known] = (middle or _medians)(rows[:, known], axis=0)
-    waves = keep * dct(g, norm="ortho")
-    g = np.asarray(idct(waves, norm="ortho"))
-    # d/dx of cos(w_k x) is -w_k sin(w_k x), at the same places, w_k = pi k / (n pitch)
-    turned = np.append(waves[1:] * np.arange(1, x.size), 0.0) * (np.pi / (x.size * (x[1] - x[0])))
-    slope = -np.asarray(idst(turned, norm="ortho"))
-    return np.column_stack([g, -slope, np.ones(x.size), (x - x.mean()) / np.ptp(x)])
+    def __init__(
+        self,
+        x: FloatArray,
+        aligned: FloatArray,
+        keep: FloatArray,
+        middle: Callable[..., Any] = _medians,
+    ) -> None:
+        self.x, self.aligned, self.keep, self.middle = x, aligned, keep, middle
+        self.made: dict[bytes, FloatArray] = {}
+
+    def of(self, others: NDArray[np.bool_]) -> FloatArray:
+        """Return what the others read, its change with a shift, a constant and a line."""
+        key = others.tobytes()
+        if key not in self.made:
+            self.made[key] = self._make(others)
+        return self.made[key]
+
+    def _make(self, others: NDArray[np.bool_]) -> FloatArray:
+        from scipy.fft import dct, idct, idst
+
+        x, rows = self.x, self.aligned[others]
+        known = ~np.isnan(rows).all(axis=0)
+        g = np.zeros(x.size)
+        g[known] = self.middle(rows[:, known], axis=0)
+        waves = self.keep * dct(g, norm="ortho")
+        g = np.asarray(idct(waves, norm="ortho"))
+        # d/dx of cos(w_k x) is -w_k sin(w_k x), at the same places, w_k = pi k / (n pitch)
+        turned = np.append(waves[1:] * np.arange(1, x.size), 0.0)
+        slope = -np.asarray(idst(turned * (np.pi / (x.size * (x[1] - x[0]))), norm="ortho"))
+        return np.column_stack([g, -slope, np.ones(x.size), (x - x.mean()) / np.ptp(x)])
 
 
 def _noise(rests: Sequence[FloatArray]) -> AutoregressiveModel:

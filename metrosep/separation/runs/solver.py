@@ -53,12 +53,15 @@ from metrosep.separation.runs.waves import (
     FALSE_ALARM,
     FALSE_DISCOVERY,
     FoundWave,
+    SlippingWave,
     find_slip,
     found_waves,
     learn_slip,
+    place_slip,
     remove_weak,
     search,
     seed_slip,
+    slipping_waves,
 )
 from metrosep.separation.runs.weights import RowWeights
 from metrosep.spectral.autoregressive import AutoregressiveModel
@@ -148,14 +151,14 @@ def solve_joint(
             if i == 1:
                 search(model)
                 remove_weak(model)
-            if i == 1 and not model.slip.any():
+            if i == 1:
+                place_slip(model)
                 find_slip(model)
             if seek_lag:
                 sensor_room.lag_steps(model, sure=sure)
             if seek_lag and i < 3:
                 sensor_room.better_split(model)
-            if model.slip.any():
-                learn_slip(model, 8)
+            learn_slip(model, 8)
         scores = run_scores(model, named)
         # Places that are fitted count once, by what was fitted.
         displaced = (
@@ -279,7 +282,7 @@ class Solution:
     # shape (1 + 2 K, 1 + 2 K): `covariance` without the share of the prior's spread
     plain_covariance: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     waves: Sequence[FoundWave] = ()  # of free wavelength, that the coefficients hold; in m
-    slip: dict[float, float] = field(default_factory=dict)  # wavelength: sd among the runs, m
+    slip: Sequence[SlippingWave] = ()  # longest first
     slope_of_spectrum: float = math.nan  # d ln s^2 / d ln k
     scores: Sequence[RunScore] = ()  # of each run against the others
     unpredicted: Sequence[FloatArray] = ()  # m: readings minus what the other runs predict
@@ -466,10 +469,7 @@ def make_solution(
         noise_draws=_noise_draws(system, model, residuals),
         plain_covariance=(answer.plain * units[:, None] * units)[:n, :n],
         waves=[w.in_units(system.scale) for w in found_waves(model)],
-        slip={
-            float(model.extension.period / (i + 1)): math.sqrt(model.slip[i]) * system.scale
-            for i in np.flatnonzero(model.slip)
-        },
+        slip=slipping_waves(model, answer, system.scale),
         slope_of_spectrum=float(
             (model.spectrum.phi[-1] - model.spectrum.phi[0]) / math.log(max(k, 2))
         ),

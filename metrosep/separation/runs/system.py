@@ -252,17 +252,16 @@ class System:
             seen = filtered(thetas, h)
             rest = self.z[i][:, None] - self.curve(i, thetas, model.sensor)
             level = run.level_right - run.level @ seen
-            at = model.slipping()
-            if at.size:
-                own = np.diag(1.0 / np.tile(model.slip[model.slip > 0.0], 2))
-                inverse = np.linalg.inv(run.gram[np.ix_(at, at)] + own)
-                side = run.right[at][:, None] - run.gram[at] @ seen
-                free = rng.standard_normal((at.size, _DRAWS))
+            if model.slip:
+                columns, own = model.slipping()
+                inverse = np.linalg.inv(columns.T @ run.gram @ columns + own)
+                side = columns.T @ (run.right[:, None] - run.gram @ seen)
+                free = rng.standard_normal((len(own), _DRAWS))
                 free -= free.mean(axis=1, keepdims=True)
                 free *= math.sqrt(_DRAWS / (_DRAWS - 1.0))
-                slip = inverse @ side + np.linalg.cholesky(inverse) @ free
-                rest = rest - self.basis(i)[:, at] @ slip
-                level = level - run.level[at] @ slip
+                slip = columns @ (inverse @ side + np.linalg.cholesky(inverse) @ free)
+                rest = rest - self.basis(i) @ slip[: self.n_basis]
+                level = level - run.level @ slip
             free = rng.standard_normal(_DRAWS)
             free = (free - free.mean()) * math.sqrt(_DRAWS / (_DRAWS - 1.0))
             rest = rest - level - free / math.sqrt(run.level_information)
@@ -292,14 +291,13 @@ class System:
             h = model.sensor.response(self.extension.wavenumbers, run.velocity)
             seen = filtered(post.theta, h)
             level = run.level_right - float(run.level @ seen)
-            at = model.slipping()
             slip = np.zeros(self.runs[i].x.size)
-            if at.size:
-                own = np.diag(1.0 / np.tile(model.slip[model.slip > 0.0], 2))
-                side = run.right[at] - run.gram[at] @ seen
-                part = np.linalg.solve(run.gram[np.ix_(at, at)] + own, side)
-                slip = self.basis(i)[:, at] @ part
-                level -= float(run.level[at] @ part)
+            if model.slip:
+                columns, own = model.slipping()
+                side = columns.T @ (run.right - run.gram @ seen)
+                part = columns @ np.linalg.solve(columns.T @ run.gram @ columns + own, side)
+                slip = self.basis(i) @ part[: self.n_basis]
+                level -= float(run.level @ part)
             out.append((level, slip))
         return out
 

@@ -5,8 +5,8 @@ two numbers. It is taken where the score exceeds chance over all wavelengths tha
 where the evidence pays for it, and where the runs agree on it.
 
 Balls that slip in a nut shake the table at fixed wavelengths, but with another phase in each run:
-that is neither geometry nor noise in time. A harmonic is taken for such a wave where the runs
-differ at every feedrate; its variance Lambda is learnt. Equation numbers: separation-2.
+that is neither geometry nor noise in time. Where the runs differ on a harmonic at every feedrate such
+a wave, of any wavelength, is taken; its variance Lambda is learnt. Equation numbers: separation-2.
 """
 
 from __future__ import annotations
@@ -19,17 +19,20 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray, IntArray, benjamini_hochberg
 from metrosep.separation.runs.geometry import HELD_SHARE, filtered
-from metrosep.separation.runs.posterior import Model, Wave
+from metrosep.separation.runs.posterior import DONE, Answer, Model, Slip, Wave
 
 __all__ = [
     "FoundWave",
+    "SlippingWave",
     "find_slip",
     "found_waves",
     "learn_slip",
     "p_values",
+    "place_slip",
     "remove_weak",
     "search",
     "seed_slip",
+    "slipping_waves",
 ]
 
 FALSE_ALARM = 0.01
@@ -64,6 +67,16 @@ class FoundWave:
             sine=self.sine * scale,
             u_amplitude=self.u_amplitude * scale,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class SlippingWave:
+    """A wave with another phase in each run, and what the estimate holds of that wavelength."""
+
+    wavelength: float  # m
+    sd: float  # m: of the cosine of one run
+    amplitude: float  # m: of the estimate, and the standard uncertainty of its cosine
+    u_amplitude: float
 
 
 def search(model: Model, given: Sequence[float] = ()) -> None:
@@ -237,38 +250,74 @@ def found_waves(model: Model) -> list[FoundWave]:
 
 # ---- waves tied to the position that have another phase in each run ----------------------------
 
+_MOST_SLIP = 6
+"""Most waves that slip: more than these are a run that differs."""
+
+_NEAR = np.arange(-10, 11) / 10.0
+"""Steps, in one over the period and then in a tenth of it, at which a wave that slips is placed."""
+
 
 def find_slip(model: Model) -> bool:
-    """Give harmonics on which the runs differ at every feedrate a variance; tell whether any."""
+    """Add waves while there are harmonics on which the runs differ at every feedrate; tell whether any."""
     feeds = sorted({r.feed for r in model.runs})
     if len(model.runs) < 3 or len(feeds) < 2:
         return False
     k = np.flatnonzero(model.harmonics())
-    p, spread = p_values(model, k, feeds)
-    found = benjamini_hochberg(p, rate=FALSE_DISCOVERY)
-    if not found.any():
-        return False
-    model.slip[k[found]] = np.maximum(spread[found], 1e-8)
-    model.apply()
-    learn_slip(model, 8)
-    return True
+    before = len(model.slip)
+    while len(model.slip) < _MOST_SLIP:
+        p, spread = p_values(model, k, feeds)
+        found = benjamini_hochberg(p, rate=FALSE_DISCOVERY)
+        if not found.any():
+            break
+        best = int(np.lexsort((-spread, np.where(found, p, np.inf)))[0])
+        _add_slip(model, (k[best] + 1.0) / model.extension.period, max(spread[best], 1e-8))
+    return len(model.slip) > before
 
 
 def seed_slip(model: Model, lengths: Sequence[float]) -> None:
-    """Give the harmonics about wavelengths in m at which the runs differ a variance, and learn it.
+    """Add waves of the wavelengths in m at which the runs differ, and learn how much.
 
     Where a run is long a noise model resolves such a wave as one line at each feedrate, and
     `find_slip`, which holds it against that noise, does not see it.
     """
-    n = model.extension.n
     for length in lengths:
-        k = model.extension.period / length - 1.0  # as an index
-        near = np.arange(max(math.floor(k) - 1, 0), min(math.ceil(k) + 2, n))
-        if near.size:
-            model.slip[near] = np.maximum(model.slip[near], model.spectrum.variance.max())
-    if model.slip.any():
+        _add_slip(model, 1.0 / length, float(model.spectrum.variance.max()))
+
+
+def _add_slip(model: Model, wavenumber: float, variance: float) -> None:
+    """Add a wave that slips where the runs differ most, and learn its variance."""
+    period = model.extension.period
+    for step in (1.0, 0.1):
+        near = np.maximum(wavenumber + step * _NEAR / period, 1.0 / period)
+        wavenumber = float(near[np.argmax(_differing(model, model.extension.wave(near)))])
+    model.slip.append(Slip(wavenumber, model.extension.wave(wavenumber), variance))
+    model.apply()
+    learn_slip(model, 8)
+
+
+def place_slip(model: Model) -> None:
+    """Move the waves that slip, one by one, to where the runs differ most beside the others."""
+    for slip in list(model.slip):
+        model.slip.remove(slip)
         model.apply()
-        learn_slip(model, 8)
+        model.solve()
+        _add_slip(model, slip.wavenumber, slip.variance)
+
+
+def _differing(model: Model, columns: FloatArray) -> FloatArray:
+    """Return by how much less the squared innovations would be with each pair free in every run."""
+    assert model.post is not None  # noqa: S101  (after a solution)
+    n, out = len(columns), 0.0
+    for run in model.seen:
+        q = (columns.T @ (run.right - run.gram @ model.post.theta)[:n]).reshape(-1, 2)
+        held = run.gram[:n, :n] @ columns
+        aa, bb, ab = (
+            np.einsum("ij,ij->j", columns[:, i::2], held[:, j::2])
+            for i, j in ((0, 0), (1, 1), (0, 1))
+        )
+        det = np.maximum(aa * bb - ab**2, 1e-12 * aa * bb + 1e-300)
+        out += (bb * q[:, 0] ** 2 - 2.0 * ab * q[:, 0] * q[:, 1] + aa * q[:, 1] ** 2) / det
+    return np.asarray(out)
 
 
 def p_values(model: Model, k: IntArray, feeds: list[int]) -> tuple[FloatArray, FloatArray]:
@@ -306,24 +355,38 @@ def p_values(model: Model, k: IntArray, feeds: list[int]) -> tuple[FloatArray, F
 
 def learn_slip(model: Model, rounds: int) -> None:
     """Learn the variances among the runs and the spectrum in turn (expectation-maximisation)."""
-    for _ in range(rounds):
+    for _ in range(rounds if model.slip else 0):
         model.learn(2)
         assert model.post is not None  # noqa: S101  (after a solution)
-        at = model.slipping()
-        if not at.size:
-            return
-        k = np.flatnonzero(model.slip > 0.0)
-        prior = np.diag(1.0 / np.tile(model.slip[k], 2))
-        covariance = model.post.full_root
-        total = np.zeros(at.size)
+        columns, own = model.slipping()
+        total = np.zeros(len(own))
         for run in model.runs:
             h = model.sensor.response(model.extension.wavenumbers, run.velocity)
-            seen = filtered(model.post.theta, h)
-            inverse = np.linalg.inv(run.gram[np.ix_(at, at)] + prior)
-            d = inverse @ (run.right[at] - run.gram[at] @ seen)
-            doubt = inverse @ (run.gram[at] @ covariance)
+            held = columns.T @ run.gram
+            inverse = np.linalg.inv(held @ columns + own)
+            d = inverse @ (columns.T @ run.right - held @ filtered(model.post.theta, h))
+            doubt = inverse @ (held @ model.post.full_root)
             total += d**2 + np.diag(inverse) + np.sum(doubt**2, axis=1)
-        own = total / len(model.runs)
-        model.slip[k] = np.maximum(0.5 * (own[: k.size] + own[k.size :]), 1e-10)
+        before = np.array([s.variance for s in model.slip])
+        pairs = total.reshape(-1, 2).sum(axis=1) / (2.0 * len(model.runs))
+        for slip, variance in zip(model.slip, pairs, strict=True):
+            slip.variance = max(float(variance), 1e-10)
         model.apply()
+        if np.abs(np.log(pairs / before)).max() < DONE:
+            break
     model.solve()
+
+
+def slipping_waves(model: Model, answer: Answer, scale: float) -> list[SlippingWave]:
+    """Return the waves that slip, longest first; `scale` is that of the readings, m."""
+    ext, out = model.extension, []
+    n = 1 + 2 * ext.n
+    for slip in sorted(model.slip, key=lambda s: s.wavenumber):
+        phase = 2.0 * math.pi * slip.wavenumber * (ext.grid - ext.origin)
+        beside = [np.cos(phase), np.sin(phase), np.ones_like(phase), ext.line(ext.grid)]
+        own = np.linalg.pinv(np.column_stack(beside))[:2] @ ext.basis(ext.grid)
+        amplitude = float(np.hypot(*(own @ answer.mean[:n])))
+        u = math.sqrt(0.5 * float(np.trace(own @ answer.covariance[:n, :n] @ own.T)))
+        sizes = (scale * v for v in (math.sqrt(slip.variance), amplitude, u))
+        out.append(SlippingWave(1.0 / slip.wavenumber, *sizes))
+    return out
