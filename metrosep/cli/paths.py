@@ -64,8 +64,8 @@ __all__ = ["path"]
 @click.option(
     "--c-sense",
     type=click.Choice(["+1", "1", "-1"]),
-    help="Needed for a map. +1: the tool goes to larger polar angles of the map when C rises; -1: to "
-    "smaller ones.",
+    help="+1 (taken if omitted): the tool goes to larger polar angles of the map when C rises; -1: "
+    "to smaller ones.",
 )
 @click.option("--c-zero", metavar="ANGLE", help='Polar angle of the map at C = 0: "90 deg".')
 @click.option(
@@ -354,10 +354,10 @@ def _correction(file: str, reading: dict[str, Any], options: dict[str, Any]) -> 
         )
     sense, zero = options["c_sense"], options["c_zero"]
     if isinstance(measured, Surface) and sense is None:
-        raise click.UsageError(
-            "Missing option '--c-sense'; +1: the tool goes to larger polar angles of the map when C rises, -1: to "
-            "smaller ones. A wrong one mirrors the correction, so it is not assumed: cut or mark a point at C = 30 "
-            "deg and look where it is in the map"
+        say(
+            "note: --c-sense is not given, +1 is taken: the tool goes to larger polar angles of the map "
+            "when C rises. If C turns the part the other way, the correction is mirrored: try it on the "
+            "machine, then state it"
         )
     nose = _lengths(options, ("nose",)).get("nose")
     if options["form"] is not None and not nose:

@@ -100,15 +100,15 @@ def test_sense_zero_and_json(call, tmp_path):
     assert "Z0.9998800" in found
 
 
-def test_the_sense_of_c_is_never_assumed_of_a_map(call, tmp_path):
+def test_the_sense_of_c_is_plus_one_and_said_where_it_is_not_given(call, tmp_path):
     words = ("--error", "error.x3p", "--centre", "middle")
 
     code, _, err = call("in.nc", *words, "-o", "assumed.nc")
-    assert code == 2
-    assert "Missing option '--c-sense'" in err
-    assert "mirrors the correction, so it is not assumed" in err
-    assert not (tmp_path / "assumed.nc").exists()
-    assert call("in.nc", *words, "-o", "stated.nc", "--c-sense", "+1")[0] == 0
+    assert code == 0
+    assert "--c-sense is not given, +1 is taken" in err
+    code, _, err = call("in.nc", *words, "-o", "stated.nc", "--c-sense", "+1")
+    assert "--c-sense is not given" not in err
+    assert (tmp_path / "assumed.nc").read_bytes() == (tmp_path / "stated.nc").read_bytes()
 
 
 def test_a_map_needs_the_right_middle(call, tmp_path):
