@@ -169,9 +169,9 @@ def masked_psd(
     Raises
     ------
     DataError
-        If an option is out of range, slopes are asked with ``detrend="mean"``, a step is not known, or more than `max_filled` is missing.
+        If an option is out of range, slopes are asked with ``detrend="mean"``, or a step is not known.
     InvalidSamplesError
-        If nothing was measured.
+        If nothing was measured, or more than `max_filled` is missing.
     NotUniformError
         If the positions of a profile are not uniform.
     TooFewSamplesError
@@ -229,7 +229,7 @@ def masked_psd(
     n_filled = int(outline.sum()) - int(measured.sum())
     share = n_filled / int(outline.sum())
     if share > max_filled:
-        raise DataError(
+        raise InvalidSamplesError(
             f"{100 * share:.3g} % of the outline is missing, more than the {100 * max_filled:.3g} % that "
             "max_filled allows: holes would decide the spectrum; crop, or raise max_filled"
         )

@@ -69,18 +69,18 @@ def test_the_recipe_says_the_same_and_draws_the_limit(metrosep, disc, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("words", "message", "wanted"),
     [
-        (("--limit", "A = 5, B = 2 from 0.05 mm to 0.5 mm"), "the unit of the density is needed"),
+        (("--limit", "A = 5, B = 2 from 0.05 mm to 0.5 mm"), "the unit of the density is needed", 2),
         (("--limit", "rms = 1 nm from 0.05 mm to 0.5 mm", "--max-filled", "0"),
-         "more than the 0 % that --max-filled allows: holes would decide the spectrum; crop, or raise --max-filled"),
+         "more than the 0 % that --max-filled allows: holes would decide the spectrum; crop, or raise --max-filled", 4),
         (("--limit", "rms = 1 nm from 0.05 mm to 0.5 mm", "--max-filled", "1.5"),
-         "error: --max-filled is a share from 0 to 1"),
+         "error: --max-filled is a share from 0 to 1", 2),
     ],
 )  # fmt: skip
-def test_what_cannot_be_judged_is_one_sentence(metrosep, disc, words, message):
+def test_what_cannot_be_judged_is_one_sentence(metrosep, disc, words, message, wanted):
     code, _, err = metrosep("psd", disc, *words)
-    assert code == 2
+    assert code == wanted  # 4: the map is at fault, 2: what was typed
     assert message in err
     assert err.count("error:") == 1
     assert not re.search(r"max_filled|command line|step \d", err)
