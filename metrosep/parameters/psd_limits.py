@@ -286,6 +286,7 @@ class PsdVerdict:
             f"{long} along {self.direction} ({n:.3g} independent value{'s' if n > 1.0 else ''}, so "
             f"the true ratio lies between {ratio * less:.3g} and {ratio * more:.3g} at 5 % each); "
             f"{n_open} of {len(self.bands)} bands not accepted"
+            + (f"; limit: {self.limit.text}" if self.limit.text else "")
         )
 
 
