@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.machine import Displacement, ReadingSet, calibrate, presets
+from metrosep.machine._lack_of_fit import _Case, _Curves
 
 REACH, NOISE = 0.4, 0.1e-6
 PLACES = np.linspace(0.0, 1.0, 41)
@@ -168,6 +169,23 @@ def test_what_is_stored_of_a_curve_is_the_curve():
     P = np.polynomial.Legendre(c, domain=(0.0, 1.0))
     assert found.errors["EXX"].evaluate(REACH * t) == pytest.approx(P(t) - P(0.0), abs=1e-15)
     assert np.ptp(np.polynomial.Legendre(c[:4])(2.0 * t - 1.0)) < 0.5 * np.ptp(P(t))
+
+
+def test_noise_has_a_drift_that_is_no_constant_where_the_readings_favour_one():
+    """All drifts that could be told from a constant were dropped as unlikely: max() of nothing."""
+    shift = np.array([[3e-6], [0.0]])
+    cases = [
+        _Case(
+            base, 40.0, 40, 30.0 * np.eye(4), np.full(4, 5.0), np.full(4, 30.0), np.zeros((1, 4)),
+            b, 0.0, False, shown, np.array([[7e-12]]),
+        )
+        for base, b, shown in zip((60.0, 0.0), shift, (True, False), strict=True)
+    ]  # fmt: skip
+    own = [np.array([0, 1]), np.array([2, 3])]
+    mean, cov = _Curves(cases, [np.ones((3, 2))] * 2, own).moments()
+    # both explain the same, so D = 0 leaves of the coefficient what the drift that is shown says
+    assert mean[0] == pytest.approx(3e-6, abs=1e-15)
+    assert 0.1 * 7e-12 < cov[0, 0] <= 7e-12  # the curve may take a part of the square 40 / 40
 
 
 def test_u_of_places_is_that_of_the_curve():
