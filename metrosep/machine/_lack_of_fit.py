@@ -356,6 +356,12 @@ _COLUMNS = 300
 _SHOWN = 1e-4
 """Share of all further orders that must show beside the coefficients, else nothing is known of them."""
 _LEAST_WEIGHT = 1e-4
+_NEVER, _RARE, _STANDS = 1e-6, 1e-3, 0.05
+"""Chance of a drift, in the mean of a quarter and of all draws that settle, below which it is not looked at any
+more; and in one draw, below which it is taken so often as to stand for this chance: its mean stays what it is."""
+_EXCHANGED, _TOGETHER = 4, 3
+"""Motions among which two are exchanged: of more the decomposition costs more than it is worth; and sweeps of
+which one draws the drift and the size of a motion together: it costs half as much as the rest of the sweep."""
 _SEED, _SETTLING, _DRAWS = 27, 20, 100
 """Of the draws of all sizes together: u of independent draws is known to 7 %."""
 
@@ -496,15 +502,15 @@ class _Case:
     shown: bool  # whether a series is long enough to tell its drift from a constant
     cov: FloatArray  # of the coefficients, over the scale squared
 
-    def left(self, taken: float) -> float:
+    def left(self, taken: FloatArray) -> FloatArray:
         """Return the square that is left when a curve takes a part of it."""
-        return max(self.square - taken, self.least, 1e-9 * self.square)
+        return np.maximum(self.square - taken, max(self.least, 1e-9 * self.square))
 
-    def at(self, square: float) -> tuple[float, float]:
+    def at(self, square: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the scale of the noise squared, and its part of -2 log likelihood."""
         if self.stated:
-            return 1.0, square
-        return square / self.free, self.free * math.log(square)
+            return np.ones_like(square), square
+        return square / self.free, self.free * np.log(square)
 
 
 def _cases(
@@ -579,6 +585,56 @@ _Chosen = tuple[int, ...]
 """Of each group 0 where it is too small to matter, else which fall and which level it has."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """What the readings say of some further orders, where the others have their sizes and are eliminated."""
+
+    case: _Case
+    S: FloatArray
+    s: FloatArray
+    base: float  # -2 log likelihood, and of the chance before, that the others bring
+    taken: float  # of the square, by the others
+
+    def at(self, taken: FloatArray, logs: FloatArray) -> FloatArray:
+        """Return -2 log likelihood where these take a part of the square, with their log determinant."""
+        return self.base + logs + self.case.at(self.case.left(self.taken + taken))[1]
+
+    def value(self, d: FloatArray) -> float:
+        """Return -2 log likelihood at standard deviations of these; infinite where they are."""
+        if not np.isfinite(d).all():
+            return math.inf
+        if not d.any():
+            return float(self.at(np.zeros(()), np.zeros(())))
+        z, logs, _ = _solved(self.S, d, self.s)
+        return float(self.at(z @ z, logs))
+
+    def without(self, d: FloatArray, out: slice, kept: slice, before: float) -> _Part:
+        """Return the orders that are kept, those that are out eliminated at their standard deviations."""
+        across = np.column_stack([self.S[out, kept], self.s[out]])
+        Z, logs, _ = _solved(self.S[out, out], d, across)
+        Z, z = Z[:, :-1], Z[:, -1]
+        return _Part(
+            self.case,
+            self.S[kept, kept] - Z.T @ Z,
+            self.s[kept] - Z.T @ z,
+            float(self.base + before + logs),
+            self.taken + float(z @ z),
+        )
+
+
+def _solved(
+    S: FloatArray, d: FloatArray, right: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return ``L^-1 d right``, the log determinant of ``I + d S d = L L^T``, and L."""
+    from scipy.linalg.lapack import dpotrf, dtrtrs
+
+    A = S * np.outer(d, d)
+    A.reshape(-1)[:: d.size + 1] += 1.0
+    L = dpotrf(A.T, lower=1, clean=0, overwrite_a=1)[0]  # A.T lies in the memory as it is wanted
+    logs = np.asarray(2.0 * np.log(np.diag(L)).sum())
+    return dtrtrs(L, (d * right.T).T, lower=1)[0], logs, L
+
+
 class _Curves:
     """Further orders in groups of one size, under every drift: how likely each choice of all sizes is."""
 
@@ -589,13 +645,16 @@ class _Curves:
         groups: Sequence[NDArray[np.intp]],
     ) -> None:
         self.cases, self.sizes, self.groups = cases, sizes, groups
+        self.shown = np.array([c.shown for c in cases])
         before = np.repeat(np.diff(_SMALLER)[None] / len(_FALLS), len(_FALLS), axis=0).ravel()
         self.before = -2.0 * np.log(np.append(_SMALLER[0], before))
         self.tops = np.array(
             [[[self._top(case, own, R) for R in listed] for own, listed in zip(groups, sizes, strict=True)]
              for case in cases]
         )  # fmt: skip
-        self._known: dict[tuple[int, _Chosen], float] = {}
+        self._scales = [
+            [self._choices(*each) for each in zip(of, sizes, strict=True)] for of in self.tops
+        ]
 
     @staticmethod
     def _top(case: _Case, own: NDArray[np.intp], R: FloatArray) -> float:
@@ -603,64 +662,58 @@ class _Curves:
         top = float(np.linalg.eigvalsh(case.S[np.ix_(own, own)] * np.outer(R, R))[-1])
         return top if top > _SHOWN * float(case.plain[own] @ R**2) else 0.0
 
+    @staticmethod
+    def _choices(tops: FloatArray, sizes: FloatArray) -> FloatArray:
+        """Return the standard deviations over the noise for each choice; infinite where nothing shows the orders."""
+        with np.errstate(divide="ignore"):
+            found = np.sqrt(_LEVELS[:, None] / tops[:, None, None]) * sizes[:, None]
+        return np.vstack([np.zeros(sizes.shape[1]), found.reshape(-1, sizes.shape[1])])
+
+    def _scale(self, k: int, order: Sequence[int], chosen: Sequence[int]) -> FloatArray:
+        """Return standard deviations over the noise of the orders of groups, one group after the other."""
+        return np.concatenate([self._scales[k][g][chosen[g]] for g in order])
+
     def scale(self, k: int, chosen: _Chosen) -> FloatArray:
-        """Return standard deviations of all further orders over the noise; infinite where nothing shows them."""
-        found = np.zeros(self.cases[k].s.size)
-        for g, choice in enumerate(chosen):
-            if choice:
-                fall, level = divmod(choice - 1, _LEVELS.size)
-                top = float(self.tops[k, g, fall])
-                size = math.sqrt(_LEVELS[level] / top) if top else math.inf
-                found[self.groups[g]] = size * self.sizes[g][fall]
+        """Return `_scale` of all groups, at their places."""
+        found = np.empty(self.cases[k].s.size)
+        for own, listed, choice in zip(self.groups, self._scales[k], chosen, strict=True):
+            found[own] = listed[choice]
         return found
 
     def value(self, k: int, chosen: _Chosen) -> float:
         """Return -2 log of the likelihood and of the chance before."""
-        key = (k, chosen)
-        if key not in self._known:
-            d = self.scale(k, chosen)
-            self._known[key] = self._value(k, d, chosen) if np.isfinite(d).all() else math.inf
-        return self._known[key]
+        case, d = self.cases[k], self.scale(k, chosen)
+        before = float(self.before[list(chosen)].sum())
+        return _Part(case, case.S, case.s, case.base + before, 0.0).value(d)
 
-    def _value(self, k: int, d: FloatArray, chosen: _Chosen) -> float:
-        case, use = self.cases[k], np.flatnonzero(d)
-        S, p = case.S[np.ix_(use, use)] * np.outer(d[use], d[use]), d[use] * case.s[use]
-        L = np.linalg.cholesky(np.eye(use.size) + S)
-        z = np.linalg.solve(L, p)
-        part = case.at(case.left(float(z @ z)))[1]
-        logs = 2.0 * float(np.log(np.diag(L)).sum())
-        return case.base + logs + part + float(self.before[list(chosen)].sum())
+    def _whole(self, k: int, order: Sequence[int]) -> _Part:
+        """Return all groups, one after the other, none eliminated."""
+        case, own = self.cases[k], np.concatenate([self.groups[g] for g in order])
+        return _Part(case, case.S[np.ix_(own, own)], case.s[own], case.base, 0.0)
 
-    def of_group(self, k: int, chosen: _Chosen, g: int) -> FloatArray:
-        """Return `value` for all choices of one group, given those of the others."""
-        case, own = self.cases[k], self.groups[g]
-        d = self.scale(k, (*chosen[:g], 0, *chosen[g + 1 :]))
-        found = np.full(self.before.size, math.inf)
+    def _beside(self, k: int, order: Sequence[int], chosen: Sequence[int]) -> FloatArray:
+        """Return `value` for all choices of the first group of an order, the others as they are chosen."""
+        d, m = self._scale(k, order[1:], chosen), self.groups[order[0]].size
         if not np.isfinite(d).all():
-            return found
-        use = np.flatnonzero(d)
-        S, s, gone, base = case.S[np.ix_(own, own)], case.s[own], 0.0, case.base
-        base += sum(float(self.before[c]) for i, c in enumerate(chosen) if i != g)
-        if use.size:
-            L = np.linalg.cholesky(
-                np.eye(use.size) + case.S[np.ix_(use, use)] * np.outer(d[use], d[use])
-            )
-            across = np.column_stack([case.S[np.ix_(use, own)], case.s[use]])
-            Z = np.linalg.solve(L, d[use, None] * across)
-            S, s = S - Z[:, :-1].T @ Z[:, :-1], s - Z[:, :-1].T @ Z[:, -1]
-            gone = float(Z[:, -1] @ Z[:, -1])
-            base += 2.0 * float(np.log(np.diag(L)).sum())
-        found[0] = base + case.at(case.left(gone))[1]
-        for fall, R in enumerate(self.sizes[g]):
-            if self.tops[k, g, fall] == 0.0:
-                continue
-            e, U = np.linalg.eigh(S * np.outer(R, R))
-            e, p = np.maximum(e, 0.0), U.T @ (R * s)
-            for i, level in enumerate(_LEVELS / self.tops[k, g, fall]):
-                left = case.left(gone + float((level / (1.0 + level * e)) @ p**2))
-                found[1 + fall * _LEVELS.size + i] = (
-                    base + float(np.log1p(level * e).sum()) + case.at(left)[1]
-                )
+            return np.full(self.before.size, math.inf)
+        before = float(self.before[[chosen[g] for g in order[1:]]].sum())
+        part = self._whole(k, order).without(d, slice(m, None), slice(m), before)
+        return self.of_group(k, order[0], part)
+
+    def of_group(self, k: int, g: int, part: _Part) -> FloatArray:
+        """Return `value` for all choices of one group, where the others are eliminated."""
+        found = np.full(self.before.size, math.inf)
+        found[0] = part.at(np.zeros(()), np.zeros(()))
+        shown = self.tops[k, g] > 0.0
+        if shown.any():
+            R = self.sizes[g][shown]
+            e, U = np.linalg.eigh(part.S * R[:, :, None] * R[:, None])
+            size = _LEVELS[:, None] / self.tops[k, g, shown][:, None, None]
+            grown = 1.0 + size * np.maximum(e, 0.0)[:, None]
+            p = ((R * part.s)[:, None] @ U)[:, 0, :, None]
+            taken = ((size / grown) @ p**2)[..., 0]
+            values = part.at(taken, np.log(grown).sum(axis=-1))
+            found[1:].reshape(len(_FALLS), -1)[shown] = values
         return np.asarray(found + self.before)
 
     def all_choices(self) -> dict[tuple[int, _Chosen], float]:
@@ -668,7 +721,7 @@ class _Curves:
         found: dict[tuple[int, _Chosen], float] = {}
         for k in range(len(self.cases)):
             if self.groups:
-                listed = self.of_group(k, (0,), 0).tolist()
+                listed = self.of_group(k, 0, self._whole(k, [0])).tolist()
                 found |= {(k, (i,)): value for i, value in enumerate(listed)}
             else:
                 found[k, ()] = self.value(k, ())
@@ -682,56 +735,106 @@ class _Curves:
         """
         rng = np.random.default_rng(_SEED)
         n, k = len(self.groups), 0
-        chosen: _Chosen = (0,) * n
+        chosen = [0] * n
         likely, seen = np.arange(len(self.cases)), np.zeros(len(self.cases))
         found: dict[tuple[int, _Chosen], float] = {}
         for sweep in range(-_SETTLING, _DRAWS):
-            for g in range(n):
-                w = _chances(self.of_group(k, chosen, g))
-                chosen = (*chosen[:g], _picked(w, rng), *chosen[g + 1 :])
-            for _ in range(n):
-                i, j = rng.choice(n, 2, replace=False).tolist()
-                other = list(chosen)
-                other[i], other[j] = chosen[j], chosen[i]
-                pair = [self.value(k, chosen), self.value(k, tuple(other))]
-                if rng.random() < _chances(pair)[1]:
-                    chosen = tuple(other)
-            w = _chances([self.value(i, chosen) for i in likely.tolist()])
-            k = int(likely[_picked(w, rng)])
+            order = rng.permutation(n).tolist()
+            self._draw(k, order, self._whole(k, order), chosen, rng)
+            if sweep % _TOGETHER:
+                w = _chances([self.value(i, tuple(chosen)) for i in likely.tolist()])
+                picked = [tuple(chosen)] * w.size
+            else:  # a curve that is large where the noise is white may be small beside a drift
+                listed = _chances(
+                    np.stack([self._beside(i, order, chosen) for i in likely.tolist()])
+                )
+                w, g = listed.sum(axis=1), order[0]
+                rows = listed / np.maximum(w, 1e-300)[:, None]
+                picked = [(*chosen[:g], _picked(v, rng), *chosen[g + 1 :]) for v in rows]
+            at = _picked(w, rng)
+            k, chosen = int(likely[at]), list(picked[at])
             seen[likely] += w
-            if sweep == -1:  # drifts that hardly ever were likely take no time from here on
-                shown = [c.shown for c in self.cases]  # u is over these: one of them stays
-                kept = (k, int(np.argmax(np.where(shown, seen, -1.0))))
-                likely = np.flatnonzero((seen > 1e-3) | np.isin(np.arange(seen.size), kept))
-            elif sweep >= 0:
-                for i, share in zip(likely.tolist(), (w / _DRAWS).tolist(), strict=True):
-                    found[(i, chosen)] = found.get((i, chosen), 0.0) + share
+            pairs = [*zip(likely.tolist(), picked, strict=True)]
+            past = sweep + 1 + _SETTLING
+            if least := {_SETTLING // 4: _NEVER, _SETTLING: _RARE}.get(past):
+                keep = seen > least * past
+                keep[[k, int(np.argmax(np.where(self.shown, seen, -1.0)))]] = True
+                likely = np.flatnonzero(keep)
+            if sweep >= 0:
+                stands = np.maximum(w, _STANDS) * (w > _STANDS * rng.random(w.size))
+                for key, share in zip(pairs, (stands / _DRAWS).tolist(), strict=True):
+                    found[key] = found.get(key, 0.0) + share
         return found
+
+    def _draw(
+        self, k: int, order: list[int], part: _Part, chosen: list[int], rng: np.random.Generator
+    ) -> None:
+        """Draw the choices of groups whose orders are those of a part, each given all others.
+
+        Either half is eliminated at its sizes before the other is drawn: all draws of a sweep together cost
+        less than three decompositions of the whole.
+        """
+        if len(order) == 1:
+            w = _chances(self.of_group(k, order[0], part))
+            chosen[order[0]] = _picked(w, rng)
+            return
+        half = len(order) // 2
+        if len(order) <= _EXCHANGED:
+            i, j = (o[int(rng.integers(len(o)))] for o in (order[:half], order[half:]))
+            other = list(chosen)
+            other[i], other[j] = chosen[j], chosen[i]
+            pair = [part.value(self._scale(k, order, c)) for c in (chosen, other)]
+            if rng.random() < _chances(pair)[1]:
+                chosen[:] = other
+        m = sum(self.groups[g].size for g in order[:half])
+        first, second = (order[:half], slice(m)), (order[half:], slice(m, None))
+        for (mine, kept), (rest, out) in ((first, second), (second, first)):
+            d = self._scale(k, rest, chosen)
+            before = float(self.before[[chosen[g] for g in rest]].sum())
+            self._draw(k, mine, part.without(d, out, kept, before), chosen, rng)
+
+    def _given(self, k: int, chosen: _Chosen) -> tuple[float, FloatArray, FloatArray]:
+        """Return the variance of the noise, mean and upper half of the covariance of all further orders."""
+        from scipy.linalg.lapack import dpotri, dtrtrs
+
+        case, d = self.cases[k], self.scale(k, chosen)
+        if not d.any():
+            return float(case.at(case.left(np.zeros(())))[0]), d, np.zeros((d.size,) * 2)
+        z, _, L = _solved(case.S, d, case.s)
+        variance = float(case.at(case.left(z @ z))[0])
+        g = d * dtrtrs(L, z, lower=1, trans=1)[0]
+        B = dpotri(L, lower=1, overwrite_c=1)[0].T
+        B *= d
+        B *= (variance * d)[:, None]
+        return variance, g, B
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Return mean and covariance of what the coefficients (reduced) are off by, then of the further orders."""
         weights = self.all_choices() if len(self.groups) < 2 else self.drawn()
-        shown = np.array([c.shown for c in self.cases])
+        shown = self.shown
         best = max((c for c in weights if shown[c[0]]), key=lambda c: weights[c])
         weights = {c: max(w, 1e-300) for c, w in weights.items() if w > _LEAST_WEIGHT or c == best}
         total = sum(weights.values())
         r, n = self.cases[0].D.shape
-        mean, square = np.zeros(r + n), np.zeros((r + n,) * 2)
+        of_curves, square = np.zeros((len(self.cases), r + n)), np.zeros((r + n,) * 2)
         of_case, variances = np.zeros(len(self.cases)), np.zeros(len(self.cases))
         for k, case in enumerate(self.cases):
-            one, two = np.zeros(n), np.zeros((n, n))
-            for (_, chosen), w in ((c, v / total) for c, v in weights.items() if c[0] == k):
-                d = self.scale(k, chosen)
-                B = d[:, None] * np.linalg.inv(np.eye(n) + case.S * np.outer(d, d)) * d
-                g = B @ case.s
-                variance = case.at(case.left(float(case.s @ g)))[0]
+            means, two = [np.zeros((0, n))], np.zeros((n, n))
+            mine = {chosen: w / total for (i, chosen), w in weights.items() if i == k}
+            for chosen, w in mine.items():
+                variance, g, B = self._given(k, chosen)
                 of_case[k] += w
                 variances[k] += w * variance
-                one += w * g
-                two += w * (np.outer(g, g) + variance * B)
+                means.append(g[None])
+                B *= w
+                two += B
+            G, w_of = np.concatenate(means), np.array([*mine.values()])
+            one = w_of @ G
+            two = np.triu(two) + np.triu(two, 1).T + (w_of * G.T) @ G
             T = np.vstack([-case.D, np.eye(n)])
-            mean += T @ one
+            of_curves[k] = T @ one
             square += T @ two @ T.T
+        mean = of_curves.sum(axis=0)
         cov = square - np.outer(mean, mean)
         # what they are off by noise, over drifts that are no constant
         share = float(of_case[shown].sum())
@@ -740,6 +843,9 @@ class _Curves:
         mean[:r] += of_case @ shifts
         off = shifts - of_case @ shifts
         cov[:r, :r] += (of_case[:, None] * off).T @ off
+        across = (off * shown[:, None] / share).T @ of_curves
+        cov[:r] += across
+        cov[:, :r] += across.T
         for variance, case in zip(variances, self.cases, strict=True):
             cov[:r, :r] += variance * case.cov
         return mean, cov
