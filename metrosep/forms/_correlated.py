@@ -395,22 +395,22 @@ def _lags(
     L >= 4 sqrt(A / pi) (6), on a profile L >= 2 A. Q may be that of the blocks `here` of the map: its
     columns are smooth, and the sum of g over a disc is that over as many lags. Q' C Q is then empty.
     """
-    c, pairs, square, _ = _lagged(r[:, None], good)
+    c, pairs, far, _ = _lagged(r[:, None], good, is_line=is_line)
     counts = pairs >= max(_PAIRS * r.size, 1.0)
-    at = square[counts]
+    at = far[counts]
     number = np.bincount(at)
     there = np.nonzero(number)[0]
     there = there[there >= 1]
     if there.size == 0:
         there = np.zeros(1, dtype=np.intp)
-    g, pairs_g, square_g, spectra = _lagged(Q, here)
+    g, pairs_g, far_g, spectra = _lagged(Q, here, is_line=is_line)
     counts_g = pairs_g >= max(_PAIRS * Q.shape[0], 1.0)
-    at_g = square_g[counts_g]
+    at_g = far_g[counts_g]
     share = here.size / good.size
     lags = np.concatenate([[0.0], np.cumsum(np.bincount(at_g))])
     of_g = np.concatenate([[0.0], np.cumsum(np.bincount(at_g, g[counts_g]))])
     held = np.interp(share * np.cumsum(number)[there], lags, of_g)
-    L = np.sqrt(there.astype(np.float64))
+    L = there.astype(np.float64) if is_line else np.sqrt(there)
     S = np.cumsum(np.bincount(at, c[counts]))[there] / np.maximum(1.0 - held, _LEAST_LEFT)
     variance = c[0, 0] + S * Q.shape[1] / r.size
     A = np.where((S > 0.0) & (variance > 0.0), np.maximum(1.0, S / variance), 1.0)
@@ -424,15 +424,18 @@ def _lags(
     dof = r.size / reach if is_line else 2.0 * r.size / (np.pi * reach**2)
     M = np.empty((0, 0))
     if here is good:
-        C = np.where(counts & (square <= there[k]), c + S[k] * g, 0.0)
+        C = np.where(counts & (far <= there[k]), c + S[k] * g, 0.0)
         M = _under(C, spectra)
     return M, float(A[k]), float(dof)
 
 
 def _lagged(
-    columns: FloatArray, good: BoolArray
+    columns: FloatArray, good: BoolArray, *, is_line: bool
 ) -> tuple[FloatArray, FloatArray, NDArray[np.intp], FloatArray]:
-    """Return lagged products of columns (n, p), summed, over the pairs; these, squares of lags, spectra."""
+    """Return lagged products of columns (n, p), summed, over the pairs; these, lags, spectra.
+
+    The lags of a line are in steps, those of a map squared: whole numbers, of which few are missing.
+    """
     from scipy import fft
 
     shape = tuple(fft.next_fast_len(2 * n - 1, real=True) for n in good.shape)
@@ -450,7 +453,8 @@ def _lagged(
     energy = np.einsum("ij,ij->j", spectra, spectra).reshape(shape[0], -1, 2).sum(axis=2)
     i, j = (np.rint(fft.fftfreq(n) * n).astype(np.intp) for n in shape)
     products = np.asarray(fft.irfft2(energy, shape)) / np.maximum(pairs, 1.0)
-    return products, pairs, i[:, None] ** 2 + j[None, :] ** 2, spectra
+    far = np.abs(j)[None, :] if is_line else i[:, None] ** 2 + j[None, :] ** 2
+    return products, pairs, far, spectra
 
 
 def _under(C: FloatArray, spectra: FloatArray) -> FloatArray:

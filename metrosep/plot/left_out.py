@@ -61,10 +61,10 @@ def left_out_plot(source: Any, *, direction: str | None = None) -> Figure:
     Examples
     --------
     >>> from metrosep.separation import machine_axis, separate
-    >>> axis = machine_axis(seed=1)
+    >>> axis = machine_axis(seed=1, length=15e-3, n_repeats=2)
     >>> figure = left_out_plot(separate(axis.runs, start=axis.start, length=axis.stop - axis.start))
     >>> len(figure.axes)
-    9
+    6
     """
     found = run_rows(source)
     rows = [r for r in found if r["strip_nm"] is not None]

@@ -101,12 +101,12 @@ def test_every_corruption_harms_more_often_than_not():
 # ---- the rates -------------------------------------------------------------------------------------
 
 
-def test_of_five_hundred_corrupted_tables_none_is_accepted_that_harms():
-    """The slow test of ten thousand counts them all."""
-    found = rates({"corrupted": 84})
+def test_of_corrupted_tables_none_is_accepted_that_harms():
+    """Five of each corruption under each noise; the slow test of ten thousand counts them all."""
+    found = rates({"corrupted": 5 * len(CORRUPTIONS)})
 
-    assert sum(s["corrupted"] for s in found.values()) == 504
-    assert sum(s["harmful"] for s in found.values()) > 300
+    assert sum(s["corrupted"] for s in found.values()) == 270
+    assert sum(s["harmful"] for s in found.values()) > 170
     assert [s["harmful_accepted_kinds"] for s in found.values()] == [{}] * len(found)
     signs = sum(s["sign"] for s in found.values())
     assert sum(s["wrong_sign_of_sign"] for s in found.values()) > 0.5 * signs

@@ -24,21 +24,24 @@ SPLIT = 1e-10
 """The split into two Gaussians is exact to 1e-12 and gaps magnify it by 1 / support."""
 
 
-def _written_out(
-    z: np.ndarray, steps: tuple[float, float], cutoffs: tuple[float, float], order: int
-) -> np.ndarray:
-    """Local regression pixel by pixel; steps and cutoffs as (y, x)."""
+def _written_out(z: np.ndarray, cutoffs: tuple[float, float], order: int) -> np.ndarray:
+    """Local regression at every pixel by its normal equations: sums over all pixels; cutoffs as (y, x)."""
     a = math.sqrt(math.log(2.0) / math.pi)
     valid = ~np.isnan(z)
-    y, x = np.mgrid[: z.shape[0], : z.shape[1]]
-    out = np.empty_like(z)
-    for i, j in np.ndindex(z.shape):
-        v = (y - i)[valid] * steps[0] / cutoffs[0]
-        u = (x - j)[valid] * steps[1] / cutoffs[1]
-        root = np.sqrt(np.exp(-math.pi * (u * u + v * v) / a**2))
-        design = np.column_stack([np.ones(u.size), u, v])[:, : 2 * order + 1]
-        out[i, j] = np.linalg.lstsq(design * root[:, None], z[valid] * root, rcond=None)[0][0]
-    return out
+    # distance from each place, a row, to each pixel of an axis, a column
+    v, u = (
+        (np.arange(n) - np.arange(n)[:, None]) / c for n, c in zip(z.shape, cutoffs, strict=True)
+    )
+    of_y, of_x = np.exp(-math.pi * (v / a) ** 2), np.exp(-math.pi * (u / a) ** 2)
+
+    def moment(p: int, q: int, of: np.ndarray) -> np.ndarray:
+        return (of_y * v**p) @ of @ (of_x * u**q).T
+
+    powers = [(0, 0), (0, 1), (1, 0)][: 2 * order + 1]
+    gram = [[moment(p + r, q + s, valid) for r, s in powers] for p, q in powers]
+    right = [[moment(p, q, np.nan_to_num(z))] for p, q in powers]
+    whole, side = (np.moveaxis(np.array(m), (0, 1), (2, 3)) for m in (gram, right))
+    return np.linalg.solve(whole, side)[..., 0, 0]
 
 
 def _written_out_at(
@@ -120,7 +123,7 @@ def test_agrees_with_the_regression_written_out(cutoffs: tuple[float, float], or
 
     low = gaussian(s, nesting_index=index, end=end, min_support=0.02).z
 
-    truth = _written_out(z, (1.0, 1.0), cutoffs, order)
+    truth = _written_out(z, cutoffs, order)
     assert np.array_equal(np.isnan(low), np.isnan(z))
     assert np.nanmax(np.abs(low - truth)) < SPLIT
 

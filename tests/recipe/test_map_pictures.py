@@ -14,6 +14,7 @@ from PIL import Image
 import metrosep as ms
 from metrosep.recipe import Recipe
 from metrosep.recipe.describe.charts import decimated, display_limits, map_chart
+from metrosep.recipe.describe.describe_machine import _on_squares
 from metrosep.recipe.describe.describe_measure import height_classes
 from metrosep.report import render_html
 
@@ -164,3 +165,26 @@ def test_a_defect_of_one_pixel_is_in_the_picture_that_is_printed(tmp_path):
     brightest = drawn[120, 208].astype(int)
     around = np.delete(drawn[118:123, 206:211].reshape(-1, 3), 12, axis=0).astype(int)
     assert (np.abs(around - brightest).sum(axis=1) > 100).all()
+
+
+def test_pixels_of_a_map_on_rings_are_the_nearest_ring_and_spoke():
+    """Uneven rings, the first spoke off the x axis; each point tells its ring and its spoke."""
+    radii, first = np.array([2.0, 2.5, 4.0, 7.0, 7.3]), 0.1
+    spokes = first + 2 * np.pi * np.arange(12) / 12
+    rho, azimuth = np.meshgrid(radii, spokes, indexing="ij")
+    told = 100.0 * np.arange(5)[:, None] + np.arange(12)
+
+    drawn, step = _on_squares(rho, azimuth, told)
+
+    side = len(drawn)
+    assert step == pytest.approx(2 * 7.3 / (side - 1), abs=1e-12)
+    for j, i in np.ndindex(*(n // 7 for n in drawn.shape)):
+        x, y = (7 * k * step - 7.3 for k in (i, j))
+        r = float(np.hypot(x, y))
+        if not 2.0 <= r <= 7.3:
+            assert np.isnan(drawn[7 * j, 7 * i])
+            continue
+        ring, spoke = divmod(drawn[7 * j, 7 * i], 100.0)
+        assert abs(radii[int(ring)] - r) == pytest.approx(np.abs(radii - r).min(), abs=1e-12)
+        away = np.angle(np.exp(1j * (np.arctan2(y, x) - spokes[int(spoke)])))
+        assert abs(away) <= np.pi / 12 + 1e-9

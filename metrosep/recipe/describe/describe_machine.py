@@ -173,7 +173,9 @@ def _on_squares(rho: Any, azimuth: Any, z: Any) -> tuple[Any, float]:
     x, y = np.meshgrid(axis, axis)
     r = np.hypot(x, y)
     turn = np.mod(np.arctan2(y, x) - angles[0], 2.0 * np.pi)
-    ring = np.abs(radii[:, None] - r.ravel()).argmin(axis=0).reshape(r.shape)
+    ring = np.clip(np.searchsorted(radii, r) - 1, 0, max(radii.size - 2, 0))  # below the pixel
+    beyond = np.minimum(ring + 1, radii.size - 1)
+    ring = np.where(np.abs(radii[beyond] - r) < np.abs(radii[ring] - r), beyond, ring)
     spoke = np.rint(turn / (2.0 * np.pi) * angles.size).astype(int) % angles.size
     out = np.where((r <= reach) & (r >= radii[0]), z[ring, spoke], np.nan)
     return out, float(axis[1] - axis[0])
