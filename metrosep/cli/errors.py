@@ -12,6 +12,7 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any
 
 from metrosep.core import exit_codes
 from metrosep.core.text_options import TEXT_OPTIONS
@@ -20,6 +21,7 @@ from metrosep.core.units import format_length
 __all__ = [
     "as_options",
     "exit_code_of",
+    "flags_of",
     "is_standard_output",
     "report_error",
     "verdict_code",
@@ -41,6 +43,12 @@ _READER_OPTIONS = frozenset(
 
 _PLACES = ("x", "y", "z")
 """Options whose names a message also uses for a place in m."""
+
+
+_ASKED = r"\b(?:raise|lower|give|state|say|set|leave|leave out|allow)(?: (?:its|a smaller|a larger|[a-z]+,? (?:and|or)))? "
+_SUBJECT = r"(?:^|(?<=[:;.] )|(?<=\bthat ))"
+_RULED = r" (?:allows?\b|must\b|is (?:a share|one of)\b|is [-+'\d][^\s;]*(?:;| with )|are (?:for|needed)\b)"
+"""Before and behind the names of options: "raise max_filled", "that max_filled allows"."""
 
 
 _CALL = re.compile(
@@ -113,8 +121,8 @@ def as_options(
             return said or found.group()
         if value and not re.fullmatch(r"[\w.+:-]+", value):
             value = f'"{value}"'
-        name = found.group(1).replace("_", "-")
-        return f"--{name} {value}" if value and value != "True" else f"--{name}"
+        flag = _flag(found.group(1), names)
+        return f"{flag} {value}" if value and value != "True" else flag
 
     if names:
         message = _CALL.sub(lambda found: "use " if found[1] else "", message)
@@ -143,7 +151,7 @@ def as_options(
 def bare_options(message: str, names: Iterable[str]) -> str:
     """Return a message in which names of two words and more, such as max_filled, are those of options.
 
-    A word that is quoted, part of a path, or a key with its value stays.
+    Only where the sentence speaks of an option: a column or a file may be called so too.
 
     Examples
     --------
@@ -151,8 +159,27 @@ def bare_options(message: str, names: Iterable[str]) -> str:
     'crop, or raise --max-filled'
     """
     words = "|".join(sorted((n for n in names if "_" in n.strip("_")), reverse=True))
-    bare = rf"(?<![\w.\-\"'`/\[])({words})(?![\w.]*[\"'`/=\](]|\w| = )"
-    return re.sub(bare, lambda m: "--" + m[1].replace("_", "-"), message) if words else message
+    if not words:
+        return message
+    one = rf"(?:{words})(?!\w|[.-]\w|[\"'`/=\](]| = )"
+    several = rf"{one}(?:(?:, (?:and |or )?| and | or ){one})*"
+
+    def options(found: re.Match[str]) -> str:
+        return found[1] + re.sub(one, lambda m: _flag(m[0], names), found[2])
+
+    message = re.sub(rf"({_ASKED})({several})", options, message)
+    return re.sub(rf"({_SUBJECT})({several})(?={_RULED})", options, message)
+
+
+def _flag(name: str, names: Iterable[str]) -> str:
+    """Return the option of an argument of the library."""
+    return names[name] if isinstance(names, Mapping) else f"--{name.replace('_', '-')}"
+
+
+def flags_of(command: Any) -> dict[str, str]:
+    """Return the option of each parameter of a command, as it is typed."""
+    long = {p.name: next((o for o in p.opts if o.startswith("--")), "") for p in command.params}
+    return {name: flag for name, flag in long.items() if name and flag}
 
 
 def exit_code_of(error: BaseException) -> int:

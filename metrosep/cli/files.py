@@ -31,7 +31,7 @@ def info(
     as_json: bool,
 ) -> int:
     """Describe FILE: format, shape, steps, heights, gaps, hash."""
-    from metrosep.cli.errors import exit_code_of, report_error
+    from metrosep.cli.errors import exit_code_of, flags_of, report_error
     from metrosep.core.errors import MetrosepError
     from metrosep.io.check import describe
 
@@ -43,7 +43,7 @@ def info(
         except MetrosepError as exc:
             if len(files) == 1:
                 raise
-            report_error(exc, verbosity=0, names=_names_of(info))
+            report_error(exc, verbosity=0, names=flags_of(info))
             code = max(code, exit_code_of(exc))
             continue
         if not as_json:
@@ -78,7 +78,7 @@ def check(
     if explain or overrides:
         option = "--explain" if explain else "-s"
         raise click.UsageError(f"{option} is for recipes (.toml); leave it out for data")
-    from metrosep.cli.errors import as_options
+    from metrosep.cli.errors import as_options, flags_of
     from metrosep.io.check import check_file
 
     found = {name: check_file(name, **reading) for name in files}
@@ -93,9 +93,9 @@ def check(
                 + ":" * bool(findings)
             )
         for finding in () if as_json else findings:
-            fix = as_options(finding.fix, _names_of(check))
+            fix = as_options(finding.fix, flags_of(check))
             click.echo(
-                f"  {finding.level:8} {as_options(finding.problem, _names_of(check))}\n{'':11}{fix}"
+                f"  {finding.level:8} {as_options(finding.problem, flags_of(check))}\n{'':11}{fix}"
             )
     every = [f for fs in found.values() for f in fs]
     if any(f.level == "error" and f.unreadable for f in every):
@@ -103,12 +103,8 @@ def check(
     return int(any(f.level == "error" for f in every))
 
 
-def _names_of(command: click.Command) -> set[str]:
-    return {p.name for p in command.params if p.name}
-
-
 def _print_description(name: str, found: dict[str, Any]) -> None:
-    from metrosep.cli.errors import as_options
+    from metrosep.cli.errors import as_options, flags_of
     from metrosep.core.units import PIXEL, format_length
 
     click.echo(f"{name}")
@@ -138,9 +134,9 @@ def _print_description(name: str, found: dict[str, Any]) -> None:
         from metrosep.io.text.matrices import shown_columns
 
         click.echo(f"  columns   {shown_columns(tuple(_column_text(c) for c in columns))}")
-        click.echo(f"  no object {as_options(found['reason'], _names_of(info))}")
+        click.echo(f"  no object {as_options(found['reason'], flags_of(info))}")
     for warning in found["metadata"].get("warnings") or ():
-        click.echo(f"  warning   {as_options(warning, _names_of(info))}")
+        click.echo(f"  warning   {as_options(warning, flags_of(info))}")
     click.echo(f"  sha256    {found['sha256']}")
 
 

@@ -309,11 +309,13 @@ def _verbosity(arguments: list[str]) -> int:
     return count
 
 
-def _parameters(words: list[str]) -> set[str]:
-    """Names of the parameters of the command that was called."""
+def _parameters(words: list[str]) -> dict[str, str]:
+    """Names of the parameters of the command that was called, and their options."""
+    from metrosep.cli.errors import flags_of
+
     name = next((w for w in words if w in _HOMES), None)
     command = None if name is None else cli.get_command(click.Context(cli), name)
-    return {p.name for p in command.params if p.name} if command is not None else set()
+    return {} if command is None else flags_of(command)
 
 
 def _give_up_standard_output() -> None:

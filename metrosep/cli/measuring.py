@@ -187,7 +187,7 @@ def measure(
     The exit code is the worst of all files: 4 a file that cannot be read, 2 options that do not fit it,
     1 rejected, 3 inconclusive, 0 accepted or no limit.
     """
-    from metrosep.cli.errors import exit_code_of, report_error, verdict_code
+    from metrosep.cli.errors import exit_code_of, flags_of, report_error, verdict_code
     from metrosep.core.errors import MetrosepError
 
     options: dict[str, Any] = {
@@ -233,7 +233,7 @@ def measure(
         except MetrosepError as error:
             if len(files) == 1:
                 raise
-            report_error(error, verbosity=0, names={p.name for p in measure.params if p.name})
+            report_error(error, verbosity=0, names=flags_of(measure))
             codes.append(exit_code_of(error))
             results.append({"file": Path(name).name, "error": str(error)})
             continue

@@ -368,11 +368,11 @@ def table_options(command: F) -> F:
 
 def read_aloud(file: str, reading: Mapping[str, Any], *, runs: bool = False) -> Any:
     """Read a file for a command, perhaps one of runs, and print what its reader warns of, on standard error."""
-    from metrosep.cli.errors import as_options
+    from metrosep.cli.errors import as_options, flags_of
     from metrosep.io.read import read, read_one
 
     obj = (read if runs else read_one)(file, **reading)
-    names = {p.name for p in click.get_current_context().command.params if p.name}
+    names = flags_of(click.get_current_context().command)
     for warning in getattr(obj, "metadata", {}).get("warnings") or ():
         say(f"warning: {file}: {as_options(warning.removeprefix(f'{file}: '), names)}")
     return obj

@@ -310,7 +310,7 @@ def _end_cleanly() -> None:
 
 def _words(message: str) -> str:
     """Return a message with arguments written as options of the command."""
-    from metrosep.cli.errors import as_options
+    from metrosep.cli.errors import as_options, flags_of
 
     for old, new in (
         ("unit='mm' (or 'inch')", "path_unit='mm' (or inch)"),
@@ -334,9 +334,8 @@ def _words(message: str) -> str:
     ):
         message = message.replace(old, new)
     message = re.sub(r"harmless_m=\[(\d+)\]", r"--harmless-m \1", message)
-    return as_options(
-        message, {p.name for p in path.params if p.name} - {"unit", "columns", "units"}
-    )
+    own = ("unit", "columns", "units")
+    return as_options(message, {n: f for n, f in flags_of(path).items() if n not in own})
 
 
 def _correction(file: str, reading: dict[str, Any], options: dict[str, Any]) -> PathCorrection:

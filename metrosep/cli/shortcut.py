@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from metrosep.cli.errors import bare_options
+from metrosep.cli.errors import bare_options, flags_of
 from metrosep.cli.options import name_values, whole
 from metrosep.core.readable import did_you_mean
 from metrosep.core.text_options import TEXT_OPTIONS
@@ -302,7 +302,7 @@ def option_error(
         message = f"{option} {message.removeprefix(key).removeprefix(' =').lstrip()}"
         key = ""
     if context is not None:
-        message = bare_options(message, {p.name for p in context.command.params if p.name})
+        message = bare_options(message, flags_of(context.command))
     return f"{option}: {message}" if key else message
 
 

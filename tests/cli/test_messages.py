@@ -6,10 +6,11 @@ import signal
 import subprocess
 import sys
 
+import click
 import pytest
 
-from metrosep.cli.errors import as_options, exit_code_of
-from metrosep.cli.main import main
+from metrosep.cli.errors import as_options, exit_code_of, flags_of
+from metrosep.cli.main import cli, main
 from metrosep.core import errors
 from metrosep.separation import machine_axis
 
@@ -65,6 +66,22 @@ def failing(capsys):
         ("lower min_ratio.", {"min_ratio"}, "lower --min-ratio."),
         ("min_ratio is 2; 'min_ratio' min_ratios runs/min_ratio.csv min_ratio = 2", {"min_ratio"},
          "--min-ratio is 2; 'min_ratio' min_ratios runs/min_ratio.csv min_ratio = 2"),
+        *[
+            (kept, {"c_zero", "x_step"}, kept)
+            for kept in (
+                "runs.csv has no column c_zero; the columns are c_zero, x_mm",
+                "the file c_zero.csv is missing, and c_zero.csv.json",
+                "no file c_zero, x_step or c_zero.csv in runs", "column(s) c_zero and x_step are text",
+                "give c_zero.csv, or c_zero-2.csv", "name one of: c_zero, x_step",
+                "the column c_zero is 2; x_step is the position", "say 'c_zero', or \"x_step\"",
+            )
+        ],
+        ("state x_step, c_zero or both; give repeats, or repeats or c_zero", {"c_zero", "x_step"},
+         "state --x-step, --c-zero or both; give repeats, or repeats or c_zero"),
+        ("c_zero and x_step are for a map; give repeats or c_zero", {"c_zero", "x_step"},
+         "--c-zero and --x-step are for a map; give repeats or --c-zero"),
+        ("n_runs is 1 with 0 run(s); raise n_runs, or form_text='plane'", {"n_runs": "--runs", "form_text": "--form"},
+         "--runs is 1 with 0 run(s); raise --runs, or --form plane"),
         ("folder/method=a/b.csv: missing", {"scale"}, "folder/method=a/b.csv: missing"),
     ],
 )  # fmt: skip
@@ -87,6 +104,30 @@ def test_arguments_become_options_of_the_command(message, names, wanted):
 def test_a_fact_of_the_machine_is_an_option_where_the_error_hints_at_it(message, wanted):
     facts = ("output_axis", "table_index", "turns")
     assert as_options(message, {"machine", "waive"}, facts, ({"turns": True},)) == wanted
+
+
+def test_columns_and_files_that_are_called_like_an_option_keep_their_names(failing, tmp_path):
+    file = tmp_path / "max_filled.csv"
+    file.write_text("max_filled,x_mm\n1,2\n2,3\n3,4\n")
+    words = ("--set", "x=place", "--limit", "rms = 1 nm from 0.05 mm to 0.5 mm")
+    code, line = failing("psd", file, *words)
+    assert code == 4
+    assert line.endswith(
+        "max_filled.csv: has no x column 'place'; the columns are max_filled, x_mm"
+    )
+    assert "--max-filled" not in line
+
+
+def test_a_flag_in_a_refusal_is_one_that_the_command_has():
+    """Names of arguments are not those of options everywhere: n_runs is --runs."""
+    context = click.Context(cli, info_name="metrosep")
+    for name in ("plan", "psd", "convert", "measure", "check", "verify"):
+        command = cli.get_command(context, name)
+        flags = flags_of(command)
+        said = as_options("; ".join(f"raise {p.name}" for p in command.params), flags)
+        typed = {o for p in command.params for o in p.opts}
+        assert {w.rstrip(";") for w in said.split() if w.startswith("--")} <= typed, name
+    assert as_options("raise n_runs", flags_of(cli.get_command(context, "plan"))) == "raise --runs"
 
 
 def test_every_fact_of_a_fix_is_an_option():
