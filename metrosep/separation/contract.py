@@ -94,7 +94,7 @@ class Separation(PublicObject):
         From the files on.
     modes : mapping of str to CovarianceModes, optional
         What the errors of a part at different positions have in common, of parts that were made of
-        estimates.
+        estimates, and of the straightness that probes in a row show.
 
     Raises
     ------
@@ -177,9 +177,12 @@ class Separation(PublicObject):
         if part not in self.modes:
             raise DataError(
                 f"the covariance of {part!r} is not known, only its uncertainty at each position; "
-                "it is known where a reversal is made of estimates of repeated runs"
+                "it is known where a reversal is made of estimates of repeated runs, and of the "
+                "straightness of probes in a row"
             )
-        return self.modes[part].covariance(self.coordinates["x"], self.u[part])
+        own = self.u[part]
+        x = next(v for v in self.coordinates.values() if v.shape == own.shape)
+        return self.modes[part].covariance(x, own)
 
     def with_type_b(self, terms: Mapping[str, float], *, part: str | None = None) -> Separation:
         """Return the same parts with further standard uncertainties combined in quadrature.
@@ -330,11 +333,12 @@ class Separation(PublicObject):
 
     def _one_line(self, name: str) -> str:
         """Return P-V (or the value of a single number) and the usual uncertainty of a point."""
-        values, unit = about_what_is_seen(self, name), self.units[name]
+        unit = self.units[name]
+        values, of_points, _ = about_what_is_seen(self, name)
         known = values[np.isfinite(values)]
         if known.size == 0:
             return "not determined"
-        u = self.u[name][np.isfinite(self.u[name])]
+        u = of_points[np.isfinite(of_points)]
         of_a_point = "" if values.ndim == 0 else " of a point"
         told = "u not known"
         if u.size:
@@ -560,17 +564,39 @@ class Unobservable:
         return cls(data["part"], data["kind"], tuple(data["indices"]), data["reason"])
 
 
-def about_what_is_seen(found: Separation, name: str) -> FloatArray:
-    """Return a part, a curve less the polynomial of the degrees that nobody sees."""
-    values = found.parts[name]
-    unseen = [i for i in found.null_space if i.part == name and i.kind == "polynomial"]
-    degrees = [int(k) for item in unseen for k in item.indices]
-    x = next((v for v in found.coordinates.values() if v.shape == values.shape), None)
+_AS_IT_LIES = ("two_point", "three_point", "multi_probe_straightness")
+"""Methods whose straightness goes on along the line that was taken off the artefact."""
+
+
+def about_what_is_seen(
+    found: Separation, name: str
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Return a part, its u and perhaps its covariance; a curve as it lies less what nobody sees of it.
+
+    With R what takes the polynomial off, the covariance is ``R C R^T``.
+    """
+    values, u = found.parts[name], found.u[name]
+    if found.method not in _AS_IT_LIES or name != "straightness":
+        return values, u, None
+    unseen = (i.indices for i in found.null_space if i.part == name and i.kind == "polynomial")
+    degree = max(int(k) for indices in unseen for k in indices)
     known = np.isfinite(values)
-    if values.ndim != 1 or x is None or 1 not in degrees or known.sum() <= len(degrees):
-        return values
-    fit = np.polynomial.Legendre.fit(x[known], values[known], max(degrees))
-    return np.asarray(values - fit(x), dtype=float)
+    if known.sum() <= degree + 1:
+        return values, u, None
+    x = next(v for v in found.coordinates.values() if v.shape == values.shape)[known]
+    t = (2.0 * x - x[0] - x[-1]) / (x[-1] - x[0])
+    Q = np.linalg.qr(np.polynomial.legendre.legvander(t, degree))[0]
+
+    def rest(columns: FloatArray) -> FloatArray:
+        return np.asarray(columns - Q @ (Q.T @ columns))
+
+    about = values.copy()
+    about[known] = rest(values[known])
+    if name not in found.modes:
+        return about, u, None
+    whole, at = np.full((values.size,) * 2, math.nan), np.ix_(known, known)
+    whole[at] = rest(rest(found.covariance(name)[at]).T)
+    return about, np.sqrt(np.maximum(np.diag(whole), 0.0)), whole
 
 
 def suppressed_harmonics(null_space: Iterable[Unobservable], part: str | None = None) -> list[int]:

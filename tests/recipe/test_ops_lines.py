@@ -5,8 +5,10 @@ import pytest
 
 import metrosep as ms
 from metrosep.core.errors import InvalidSamplesError, MetrosepError, RecipeError
+from metrosep.recipe.describe.describe_tests import separation_of
 from metrosep.recipe.result import load_document
 from metrosep.separation import (
+    ReferenceLine,
     abba,
     drift_against_temperature,
     integrate_slopes,
@@ -424,9 +426,43 @@ def test_the_straightness_of_a_carriage_does_not_depend_on_how_the_edge_lies(tab
         )
         metrics = {c["metric"]: c for c in result.document["characteristics"]}
         found.append(metrics["straightness.pv"])
-    line = slide(X) - np.polyval(np.polyfit(X, slide(X), 1), X)
+
+    def about_its_line(z):
+        return z - np.polynomial.Polynomial.fit(X, z, 1)(X)
+
+    def answer(m):  # what a reading of 1 m does to the curve about its line
+        if probes == 2:
+            return about_its_line(two_point(m, D, x=X, u_reading=0.0).straightness)
+        return about_its_line(three_point(m, D, x=X, zero=0.0, u_reading=0.0).straightness)
+
+    line = about_its_line(slide(X))
+    ones = np.eye(probes * X.size).reshape(-1, probes, X.size) * 1e-3
+    J = np.array([answer(m) for m in ones]) / 1e-3
+    u = 1e-9 * np.linalg.norm(J[:, np.argmax(line)] - J[:, np.argmin(line)])
     for pv in found:
         assert pv["value"] == pytest.approx(
             np.ptp(line), abs=2e-12
         )  # rounding of the file, in chains
-        assert pv["u"] > 0.0
+        assert pv["u"] == pytest.approx(u, abs=0.01 * u)  # 60 modes hold 1e-4 of the variance
+
+
+def test_a_curve_whose_line_is_defined_keeps_it(table):
+    """End points and least squares give 625 and 661 nm; where the line is arbitrary nobody says which."""
+    x = np.linspace(0.0, 1.0, 11)
+    z = 1e-6 * x**2 * (1 + x)
+    slopes = (np.subtract.outer(z, z) / (np.subtract.outer(x, x) + np.eye(11))).ravel()
+    slope_of = {"EP": z[-1] - z[0], "LS": np.polyfit(x, z, 1)[0]}
+    widths = {k: np.ptp(z - s * x) for k, s in slope_of.items()}
+    for line, width in widths.items():
+        made = ReferenceLine(tuple(x), line).separate([z])
+        assert f"straightness P-V {width * 1e9:.3g} nm" in repr(made)
+        metrics = separation_of(made).quantities
+        assert metrics["straightness.pv"].value == pytest.approx(width, abs=1e-15)
+        assert made.audit[f"STR_{line}_um"] == pytest.approx(width * 1e6, abs=1e-9)
+    assert widths["LS"] - widths["EP"] > 30e-9
+    file = table(x_mm=x * 1e3, z_nm=z * 1e9)
+    for line, width in {**widths, "MZ": min(np.ptp(z - s * x) for s in slopes)}.items():
+        text = '[input]\nreadings = ["z_nm"]\nx = "x_mm"\n[[step]]\nop = "straightness_iso230_1"\n'
+        document = run(text + f'reference = "{line}"\n', file).document
+        found = {c["metric"]: c["value"] for c in document["characteristics"]}
+        assert found["straightness"] == pytest.approx(width, abs=TEXT)

@@ -255,8 +255,10 @@ def separation_of(produced: Separation, inputs: Any = None) -> Description:
             text = f"separated {name.replace('_', ' ')}"
             found[name] = quantity(values, unit, text, u=u, symbol=name)
         else:
-            whole = produced.covariance(name) if name in produced.modes else None
-            found |= extremes(name, about_what_is_seen(produced, name), u, unit, whole)
+            about, u, whole = about_what_is_seen(produced, name)
+            if whole is None and name in produced.modes:
+                whole = produced.covariance(name)
+            found |= extremes(name, about, u, unit, whole)
     maps = _maps(produced)
     document = produced.to_dict()
     size = sum(v.size for v in produced.parts.values())

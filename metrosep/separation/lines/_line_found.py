@@ -44,6 +44,8 @@ class Found(NamedTuple):
     freedom: int  # degrees of freedom of `rest_least`
     used: slice  # slice: carriage positions that the result rests on
     n_unread: int  # samples within that no probe read
+    # shape (n, n_rows): what the straightness takes of white rows; their share of its covariance
+    through: FloatArray
 
 
 def solve(problem: Problem, *, method: str, smoothing: float, degree: int) -> Found:
@@ -189,11 +191,14 @@ def _parts(
         zero_rows = rows.weights @ columns
         left = left - zero_rows @ (np.linalg.pinv(zero_rows) @ left)
     values, u = np.full((2, problem.x.size), np.nan), np.full((2, problem.x.size), np.nan)
+    shared = np.zeros((problem.x.size, y.size))
     for c, matrix in enumerate(_carriage_of(problem.nuisance, stations, n)):
         known = np.flatnonzero(np.diff(matrix.indptr))
         through = (matrix @ seen) @ estimate.artefact
         if amplitudes.size:
             through = through + (matrix @ columns) @ estimate.zeros
+        if c == 0:
+            shared[piece] = through
         own = np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel()
         spread = np.sqrt(own + np.einsum("ij,ij->i", through, through))
         values[c, piece.start + known] = (matrix @ rest)[known]
@@ -218,6 +223,7 @@ def _parts(
         estimate.freedom,
         slice(piece.start, piece.start + n),
         int((~read).sum()),
+        shared,
     )
 
 

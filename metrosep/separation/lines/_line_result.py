@@ -32,6 +32,7 @@ from metrosep.separation.contract import (
     Unobservable,
     as_rows,
 )
+from metrosep.separation.covariance import CovarianceModes
 from metrosep.separation.lines._line_found import Found, solve
 from metrosep.separation.lines._line_problem import (
     PARABOLA,
@@ -225,8 +226,10 @@ class ProbeRowMethod(SeparationMethod):
             noise = _noise_of_rest(found, most)
         scale = noise.value / math.sqrt(most)
         parts, u = _scaled(found, scale, with_pitch=row.pitch or sensor is not None)
+        shared = found.through * scale
         if row.pitch:
-            _add_zero(parts, u, self._zero, found, scale, problem)
+            bent = _add_zero(parts, u, self._zero, found, scale, problem)
+            shared = np.column_stack([shared, bent])
         gap = lost_samples(parts["artefact"], found)
         null_space = null_space_of(row, degree, pitch_part=sensor is None) + gap
         return Separation(
@@ -246,6 +249,11 @@ class ProbeRowMethod(SeparationMethod):
                 ),
             ),
             history=(*history, Step(self.name, {"method": self.method})),
+            modes=(
+                {"straightness": CovarianceModes.of(at, shared)}
+                if np.isfinite(shared).all() and shared.any()
+                else {}
+            ),
         )
 
     def _audit(self, problem: Problem, found: Found, repeats: int, degree: int) -> dict[str, Any]:
@@ -339,8 +347,11 @@ def _add_zero(
     found: Found,
     scale: float,
     problem: Problem,
-) -> None:
-    """Add the zero difference as a part, and the parabola of its uncertainty where it was given."""
+) -> FloatArray:
+    """Add the zero difference as a part, and the parabola of its uncertainty where it was given.
+
+    Return that of the straightness, m.
+    """
     row, n = problem.row, len(problem.row.offsets)
     if n == 3:
         w = np.append(row.weights, np.zeros(problem.n_sensors - n))
@@ -349,7 +360,7 @@ def _add_zero(
         else:
             parts["zero"], u["zero"] = _zero_difference(found, w, scale)
     if zero is None or zero[1] == 0.0:
-        return
+        return np.zeros(problem.x.size)
     d1 = row.offsets[1] - row.offsets[0]
     q = zero[1] / (d1 * (row.offsets[2] - row.offsets[0]))
     known = ~np.isnan(parts["artefact"])
@@ -365,6 +376,7 @@ def _add_zero(
     }
     for name, curve in bent.items():
         u[name] = np.sqrt(u[name] ** 2 + (q * curve) ** 2)
+    return np.asarray(q * bent["straightness"])
 
 
 def _zero_difference(found: Found, w: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
