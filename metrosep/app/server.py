@@ -56,8 +56,10 @@ from metrosep.app.wire import (
     Tell,
     error_header,
     level_of,
+    number_of,
     pack,
     page_words,
+    point_of,
 )
 from metrosep.core.errors import DataError, MetrosepError, RecipeError, WriteError
 from metrosep.core.exit_codes import exit_code_of
@@ -619,8 +621,8 @@ class PictureAnswers:
         outcome, obj = self._surface(message, cancel, "sections")
         view = section_view(
             obj,
-            message["a"],
-            message["b"],
+            point_of(message, "a"),
+            point_of(message, "b"),
             columns=message.get("columns") or 1000,
             cursors=message.get("cursors") or (),
         )
@@ -681,7 +683,9 @@ class PictureAnswers:
 
         outcome, obj = self._stage(message, cancel)
         unit = lateral_unit(obj)
-        place = (tuple(message["a"]), tuple(message["b"])) if isinstance(obj, Surface) else ()
+        place = (
+            (point_of(message, "a"), point_of(message, "b")) if isinstance(obj, Surface) else ()
+        )
         kept = self._transform
         if kept is None or kept[0] is not obj or kept[1] != place:
             line = section_profile(obj, *place) if isinstance(obj, Surface) else obj
@@ -716,7 +720,7 @@ class PictureAnswers:
         if message.get("what") == "aperture":
             (x, y), radius = aperture_of(obj)
             return {"centre": [x, y], "radius": radius, "is_preview": outcome.is_preview}, {}
-        peak, valley = extremes_near(obj, message["at"], message["radius"])
+        peak, valley = extremes_near(obj, point_of(message, "at"), number_of(message, "radius"))
         return {"peak": peak, "valley": valley, "is_preview": outcome.is_preview}, {}
 
     def density(self, message: Message, cancel: Cancel) -> Answer:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from metrosep.app.evaluations import Level
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import is_real
 from metrosep.core.readable import said_value
 
 __all__ = [
@@ -32,10 +33,12 @@ __all__ = [
     "error_header",
     "field_words",
     "level_of",
+    "number_of",
     "number_or_none",
     "pack",
     "page_words",
     "plain",
+    "point_of",
     "text_of",
     "unpack",
 ]
@@ -353,6 +356,26 @@ def text_of(message: Message, name: str) -> str:
     if not isinstance(value, str) or not value:
         raise DataError(f"{name} is a text, got {said_value(value)}")
     return value
+
+
+def number_of(message: Message, name: str) -> float:
+    """Return a number of a request."""
+    value = message.get(name)
+    if not is_real(value):
+        raise DataError(
+            f"the request {message.get('k')} needs the number {name}, got {said_value(value)}"
+        )
+    return float(value)  # type: ignore[arg-type]
+
+
+def point_of(message: Message, name: str) -> tuple[float, float]:
+    """Return a point of a request."""
+    value = message.get(name)
+    if not isinstance(value, list | tuple) or len(value) != 2 or not all(map(is_real, value)):
+        raise DataError(
+            f"the request {message.get('k')} needs the point {name} as [x, y], got {said_value(value)}"
+        )
+    return float(value[0]), float(value[1])
 
 
 def number_or_none(value: float | None) -> float | None:

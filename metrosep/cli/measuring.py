@@ -371,13 +371,14 @@ def _as_typed(error: RecipeError, text: str) -> RecipeError:
 
     def option(found: re.Match[str]) -> str:
         value = found[2].strip('"')
-        quote = "'" if " " in value or "=" in value else ""
+        quote = "'" if re.search(r"[\s=(]", symbol + value) else ""
         return f"--{found[1]} {quote}{symbol}={value}{quote}"
 
     message = re.sub(r"^--metric:? ", "", message)
-    message = re.sub(rf'^metric = "{symbol}"|^"{symbol}" (?=is )', f"{symbol} ", message)
+    own = re.escape(symbol)
+    message = re.sub(rf'^metric = "{own}"|^"{own}" (?=is )', lambda _: f"{symbol} ", message)
     message = message.replace("is made by no step", "has a limit but is not among --params")
-    message = re.sub(r"^--(lower|upper|U):? ", rf"--\1 of {symbol}: ", message)
+    message = re.sub(r"^--(lower|upper|U):? ", lambda m: f"--{m[1]} of {symbol}: ", message)
     message = re.sub(r'\b(lower|upper|U) = ("[^"]*"|[\d.]+)', option, message)
     return RecipeError(" ".join(message.split()))
 

@@ -6,7 +6,9 @@ import dataclasses
 import json
 import math
 import re
+import shlex
 from collections.abc import Mapping, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -547,6 +549,7 @@ def verify(
         for k, text in ends.items()
     ]
     more: dict[str, Any] = {}
+    was_active: Any = None
     if controllers.find(name).info.carries == "map":
         if len(files) != 1:
             raise click.UsageError("a map is verified against one map: give --against once")
@@ -556,6 +559,8 @@ def verify(
         beside = own_part(sidecar, getattr(loaded, "compensates", None))
         loaded, known_travel = _as_made(loaded, beside, path)
         measured = _against(files, options, _cells_of(loaded))
+        was_active = beside.get("active") if active is None else None
+        _refuse_without_active(path, was_active, loaded, measured)
         phase(f"applying {path} to the readings")
         if active not in (None, NONE):
             was = active_file(active, loaded, name, known)
@@ -587,16 +592,44 @@ def verify(
     else:
         if hasattr(loaded, "headline"):
             say(f"table {loaded.headline}")
-        print_verification(found)
+        # the sentence of what is not accepted is that of the error below
+        said = found["sentences"] if result.passed else found["sentences"][:-1]
+        print_verification({**found, "sentences": said})
         for finding in getattr(result, "findings", ()):
             say(f"warning: {path}: {_typed(finding.problem)}")
     try:
         result.require(str(path))
     except TableError as exc:
         text = re.sub(r"; nothing was written.*", "", str(exc))
+        if was_active:
+            file = _file_of(path, was_active)
+            text += f"; if {Path(file).name} was active, as when the table was made, say --active {shlex.quote(file)}"
         say("error: " + _typed(text, hints=exc.hints))
         return exit_code_of(exc)
     return 0
+
+
+def _refuse_without_active(
+    path: Path, told: Mapping[str, Any] | None, loaded: Any, measured: RunSet
+) -> None:
+    """Refuse readings that made a table while another was active, where nobody says that it was."""
+    from metrosep.compensation.measured import made_of
+
+    kind, others = made_of(loaded.history, measured)
+    if told and (kind != "none" or len(others) < len(measured)):
+        file = _file_of(path, told)
+        raise click.UsageError(
+            f"these readings made {path.name} while {Path(file).name} was active, and without that they do "
+            f"not show what {path.name} does: say --active {shlex.quote(file)}"
+        )
+
+
+def _file_of(path: Path, told: Mapping[str, Any]) -> str:
+    """Return the file that was active, beside the table that took its place, where it is still there."""
+    for file in (path.with_name(told["name"] + end) for end in ("", ".1", ".2", ".3")):
+        if file.is_file() and sha256(file.read_bytes()).hexdigest() == told["sha256"]:
+            return str(file)
+    return str(told["name"])
 
 
 def _against(files: tuple[str, ...], options: dict[str, Any], step: float | None = None) -> RunSet:

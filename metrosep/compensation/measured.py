@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol, runtime_checkable
@@ -10,14 +11,21 @@ import numpy as np
 
 from metrosep.compensation.area_errors import LENGTHS, AxisUnits
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, MetrosepError, TableError
+from metrosep.core.errors import DataError, InvalidSamplesError, MetrosepError, TableError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
+from metrosep.core.units import format_ends, format_length
 from metrosep.separation.positions.pitch import REFERENCE_DIRECTIONS
 from metrosep.separation.runs.base import ErrorEstimate
-from metrosep.separation.runs.design import COVERED, lines_of_runs, on_common_grid, travel_of
+from metrosep.separation.runs.design import (
+    COVERED,
+    lines_of_runs,
+    on_common_grid,
+    thin_parts,
+    travel_of,
+)
 
 __all__ = [
     "COVERED",
@@ -379,6 +387,28 @@ def fold_estimates(
     return _MADE[key]
 
 
+def _alone(runs: RunSet, out: tuple[int, ...], span: tuple[float, float]) -> str:
+    """Return what only runs that are left out reach of a range, and what all share; empty where others do."""
+    near = 1e-6 * (span[1] - span[0])
+    rest = RunSet([r for i, r in enumerate(runs) if i not in out])
+    holes = [p for p in thin_parts(rest, span[0] + near, span[1] - near) if p[2] == 0]
+    if not holes:
+        return ""
+    names = ", ".join(runs[i].run_id for i in out)
+    text = f"without run {names} no run reaches {format_ends(*holes[0][:2])}"
+    try:
+        low, high = runs.common_travel
+    except InvalidSamplesError:  # measured part by part
+        return f"{text}: measure there again"
+    step = 10.0 ** math.floor(math.log10(high - low) - 3.0)  # four digits, rounded to inside
+    first = math.ceil(max(low, span[0]) / step - 1e-6) * step
+    length = math.floor((min(high, span[1]) - first) / step + 1e-6) * step
+    return (
+        f"{text}; all runs share {format_ends(low, high)}: separate with start={format_length(first)!r} "
+        f"and length={format_length(length)!r}"
+    )
+
+
 def _without(
     runs: RunSet, out: tuple[int, ...], stated: Mapping[str, Any], span: tuple[float, float]
 ) -> ErrorEstimate:
@@ -397,18 +427,21 @@ def _without(
         wanted = options.get("min_feeds", 2)
         options["min_feeds"] = min(wanted, len(rest.feeds))
     # What is wrong with a run was said once, with all the others beside it.
-    return separate_runs(
-        rest,
-        options.pop("method"),
-        length,
-        start,
-        options.pop("shortest_m", None),
-        options.pop("lag_s", 0.0),
-        exclude=None,
-        accept=options.pop("accept"),
-        options=options,
-        compare=False,
-    )
+    try:
+        return separate_runs(
+            rest,
+            options.pop("method"),
+            length,
+            start,
+            options.pop("shortest_m", None),
+            options.pop("lag_s", 0.0),
+            exclude=None,
+            accept=options.pop("accept"),
+            options=options,
+            compare=False,
+        )
+    except InvalidSamplesError as exc:
+        raise TableError(_alone(runs, out, span) or str(exc)) from None
 
 
 def folds_of(carried: Any, runs: RunSet) -> list[tuple[tuple[int, ...], Any]]:
@@ -468,8 +501,11 @@ def own_runs(
                 "name the same columns and options as then",
             )
     if folds is None and any("cells_of_sha256" in r.metadata for r in runs):
+        why = runs.metadata.get("no_folds")
         return Own(
-            runs, made_it=True, why="the result holds means of cells of the runs and no folds"
+            runs,
+            made_it=True,
+            why=why or "the result holds means of cells of the runs and no folds",
         )
     try:
         made = folds_of(carried, runs) if folds is None else folds

@@ -243,7 +243,7 @@ def held_as(file: Path, beside: Mapping[str, Any]) -> dict[str, Any]:
     except (AttributeError, DataError, TypeError, ValueError):
         raise CorruptFileError(
             file,
-            "its sidecar is not that of a table: reference_direction or heat is damaged",
+            "its sidecar is not that of a table: 'reference_direction' or 'heat' is damaged",
             hint="move the sidecar away, or write the table again",
         ) from None
     return {"reference_direction": way, "heat": stated}

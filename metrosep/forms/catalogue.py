@@ -18,13 +18,14 @@ from metrosep.forms.base import Form
 __all__ = ["form_from_text", "form_names", "parameter_value"]
 
 _NUMBER = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*")
-_PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻\u2212", "0123456789--")
+_RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")
+_MINUS = "\u2212"
 _SI = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*SI\s*$")
 _DIMENSIONS = {"m": "length", "rad": "angle"}
 _PER = re.compile(
     r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\d.eE])\s*"
-    r"(?:1?\s*/\s*([a-zA-Zµμ]+)\s*(?:\^|\*\*)?\s*(\d*)"
-    r"|([a-zA-Zµμ]+)\s*(?:\^|\*\*)?\s*[-\u2212](\d+))\s*"
+    r"(?:1?\s*/\s*([a-zA-Zµμ]+)\s*(?:\^|\*\*)?\s*(\d+|[⁰¹²³⁴-⁹]+)?"
+    r"|([a-zA-Zµμ]+)\s*(?:\^|\*\*)?\s*[-⁻](\d+|[⁰¹²³⁴-⁹]+))\s*"
 )
 """A number per a power of a length: "2e-7 /mm^3", "2e-7 mm^-3"."""
 
@@ -59,7 +60,7 @@ def form_from_text(text: str) -> Form:
     >>> form_from_text("conic: R=50 mm, k=-1.2")
     Conic(R=0.05, k=-1.2)
     """
-    name, _, rest = text.partition(":")
+    name, _, rest = text.replace(_MINUS, "-").partition(":")
     key = name.strip().lower().replace("-", "_").replace(" ", "_")
     if key not in _BUILDERS:
         hint = did_you_mean(key, form_names())
@@ -73,6 +74,7 @@ def form_from_text(text: str) -> Form:
 
 def parameter_value(text: str, unit: str, name: str) -> float:
     """Return the value of a parameter in SI."""
+    text = text.replace(_MINUS, "-")
     match = _SI.match(text)
     if match is not None:
         return float(match[1])
@@ -93,7 +95,7 @@ def parameter_value(text: str, unit: str, name: str) -> float:
 
 def _per_length(text: str, power: int, name: str) -> float:
     """Return a coefficient in m^-power, of "200 SI" or "2e-7 /mm^3"."""
-    match = _PER.fullmatch(text.translate(_PLAIN))
+    match = _PER.fullmatch(text)
     if match is None:
         if _SI.match(text):
             return parameter_value(text, "", name)
@@ -108,7 +110,8 @@ def _per_length(text: str, power: int, name: str) -> float:
             f"such as 2e-7 {wanted}, without blanks in it, or {of_si}; a length is a coefficient only with "
             "norm_radius="
         )
-    number, above, below = match[1], match[2] or match[4], int(match[3] or match[5] or 1)
+    number, above = match[1], match[2] or match[4]
+    below = int((match[3] or match[5] or "1").translate(_RAISED))
     if below != power:
         raise UnitError(
             f"{name} is {text!r}: the coefficient of r^{power + 1} is a length to the power {-power}, "

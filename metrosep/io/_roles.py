@@ -129,8 +129,8 @@ _FEWEST = 2
 """Steps of the shortest block that is a run."""
 
 
-def runs_in(table: Table) -> FoundRuns | None:
-    """Return the runs that a table holds by its column of runs or by a position that jumps back."""
+def runs_in(table: Table, *, fewest: int = 2) -> FoundRuns | None:
+    """Return the runs that a table holds by its column of runs, from `fewest` on, or by a position that jumps back."""
     by_role: dict[str, list[Column]] = {}
     for column in table.columns:
         by_role.setdefault(role_of(column.name) or "", []).append(column)
@@ -183,7 +183,7 @@ def runs_in(table: Table) -> FoundRuns | None:
         if marks is None or marks.size < 2 or (marks.dtype.kind == "f" and np.isnan(marks).any()):
             continue
         begins = np.sort(np.unique(marks, return_index=True)[1])
-        if 2 <= begins.size <= marks.size // 2:
+        if fewest <= begins.size <= marks.size // 2:
             lines = tuple(int(n) for n in table.lines[begins])
             return FoundRuns(begins.size, column.name, lines, **facts)
     for role in ("position", "time"):

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, UnitError
 from metrosep.core.provenance import Step
@@ -45,6 +46,7 @@ _WORDS: Mapping[str, tuple[str, ...]] = {
 """Names of columns by what they are, without their unit, in small letters."""
 
 _ROLES = tuple(r for r in _WORDS if r != "z")
+_PLANES = ("XY", "YZ", "ZX", "XZ")
 _FEWEST, _FEWEST_TURNING = 16, 3
 """Readings of a sense, and those about a reversal that are none."""
 
@@ -115,6 +117,7 @@ def read_circle_log(
     DataError
         The circle of a log has another radius than the programmed one.
     """
+    numbers.choice(plane, "plane", _PLANES)
     files = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     if not files:
         raise FormatMismatchError("no file of a circular test; name at least one")
@@ -163,19 +166,17 @@ def _named(file: RawFile, table: Table, given: Mapping[str, str], plane: str) ->
     by_name: dict[str, list[str]] = {}
     for name in table.names:
         by_role = _role(name)
-        if by_role is not None and by_role not in given and name not in taken:
+        if by_role is not None and name not in taken:
             by_name.setdefault(by_role, []).append(name)
-    axes = {a: by_name[a] for a in "xyz" if a in by_name}
-    first, second = plane[0].lower(), plane[1].lower()
-    if {first, second} <= set(axes):
-        by_name |= {"x": axes[first], "y": axes[second]}
-    elif "z" in axes and len(axes) == 2 and not {"x", "y", "angle"} & set(given):
-        own = "".join(axes).upper()
-        raise FormatMismatchError(
-            f"{file.path} holds positions of {own[0]} and {own[1]}, and the plane is {plane}; give "
-            f"--plane {own}, or name the columns"
-        )
-    by_name.pop("z", None)
+    axes = {a: by_name.pop(a) for a in "xyz" if a in by_name}
+    by_name = {r: names for r, names in by_name.items() if r not in given}
+    turned = "angle" in {*given, *by_name}  # then the positions are not used
+    of = zip("xy", "xy" if turned else plane.lower(), strict=True)
+    wanted = {r: a for r, a in of if r not in given}
+    if not turned and not axes.keys() >= set(wanted.values()):
+        _refuse_axes(file, table, plane)
+        wanted = {}
+    by_name |= {r: axes[a] for r, a in wanted.items() if a in axes}
     said_values = any(r not in ("angle", "x", "y") for r in given)
     for role, names in by_name.items():
         if said_values and role in ("ccw", "cw", "reading", "length"):
@@ -196,6 +197,17 @@ def _named(file: RawFile, table: Table, given: Mapping[str, str], plane: str) ->
             f"{', '.join(table.names)})"
         )
     return found
+
+
+def _refuse_axes(file: RawFile, table: Table, plane: str) -> None:
+    """Refuse positions of other axes than those of the plane; a table without two axes is no log."""
+    own = "".join(a for a in "XYZ" if a.lower() in map(_role, table.names))
+    if len(own) > 1:
+        given = f"give plane={own!r}, or " if own in _PLANES and set(own) != set(plane) else ""
+        raise FormatMismatchError(
+            f"{file.path} holds positions of {' and '.join(own)}, and the plane is {plane}; {given}name the "
+            "columns with x= and y="
+        )
 
 
 def _role(name: str) -> str | None:

@@ -293,11 +293,11 @@ def _told_specs(
     is_own = known_as in (_OWN, "hdf5") or any(map(is_marked, table.header.get("comments", ())))
     if own and is_own and (angles or own["x"] != "x_rad"):
         return {**own, **given}
-    found = runs_in(table)
+    found = runs_in(table) or runs_in(table, fewest=1)
     known = found is not None and (found.run != BLOCKS or given.get("run") == BLOCKS)
     if found is None or not known or not found.is_known(given):
         advice = "name them with x= and z=, such as x='x_mm'"
-        if found is not None:
+        if found is not None and found.n > 1:
             raise SeveralRunsError(file.path, found, dict(given))
         raise FormatMismatchError(f"{file.path}: holds columns, not runs; {advice}")
     timed = "sampling_rate" in given
@@ -313,7 +313,9 @@ def _told(
 ) -> RunSet:
     """Return the runs of files that metrosep wrote, or whose names and units tell what they hold."""
     parts = [
-        _told_runs(path, given if feed is None else {**given, "feed": feed}, angles=angles)
+        _told_runs(
+            path, given if feed is None else {**given, "feed": feed}, len(files), angles=angles
+        )
         for path, feed in zip(files, feeds, strict=True)
     ]
     if len(parts) == 1:
@@ -330,7 +332,9 @@ def _told(
     return RunSet([run for part in parts for run in part], metadata=metadata, history=history)
 
 
-def _told_runs(path: str | os.PathLike[str], given: Mapping[str, Any], *, angles: bool) -> RunSet:
+def _told_runs(
+    path: str | os.PathLike[str], given: Mapping[str, Any], n_files: int, *, angles: bool
+) -> RunSet:
     """Return the runs of one file, which is read once."""
     layout = {k: v for k, v in given.items() if k in TEXT_OPTIONS}
     file = open_file(path)
@@ -343,15 +347,19 @@ def _told_runs(path: str | os.PathLike[str], given: Mapping[str, Any], *, angles
         return own
     held = [_as_columns(file, content, known)]
     del content
-    return runs_of(held, _told_specs(*held[0], given, angles=angles), angles=angles)
+    return runs_of(
+        held, _told_specs(*held[0], given, angles=angles), angles=angles, n_files=n_files
+    )
 
 
-def runs_of(held: list[Source], specs: Mapping[str, Any], *, angles: bool = False) -> RunSet:
+def runs_of(
+    held: list[Source], specs: Mapping[str, Any], *, angles: bool = False, n_files: int = 1
+) -> RunSet:
     """Return the runs in columns that were read, which are removed from the list that holds them."""
     asked = {k: v for k, v in specs.items() if k not in TEXT_OPTIONS}
     feed = asked.pop("feed", None)
     optional = dict.fromkeys(("run", "direction", "time", "sampling_rate", "scale"))
-    request = _Request(**{**optional, **asked}, n_files=1, angles=angles)
+    request = _Request(**{**optional, **asked}, n_files=n_files, angles=angles)
     return _runs_from((held.pop() for _ in range(1)), [feed], request)
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,6 +53,19 @@ class Basis:
         if self.kind == "fourier":
             return [f" {f}{n}" for n in self.orders for f in ("cos", "sin")]
         return [f" order {n}" for n in self.orders]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what it takes to evaluate the shapes: kind, orders, and of polynomials their range."""
+        found: dict[str, Any] = {"basis": self.kind, "orders": [v.strip() for v in self.labels]}
+        if self.kind != "constant":
+            found["position_unit"] = "m" if self.kind == "legendre" else "rad"
+        if self.kind in ("legendre", "arc"):
+            found |= {"low": self.low, "high": self.high}
+        if self.kind == "legendre":
+            found["home"] = self.home
+        if self.off is not None:
+            found["off"] = self.off.tolist()
+        return found
 
     def at(self, x: FloatArray) -> FloatArray:
         """Return the shapes at positions, shape (..., m)."""

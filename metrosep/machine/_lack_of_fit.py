@@ -700,7 +700,9 @@ class _Curves:
             k = int(likely[_picked(w, rng)])
             seen[likely] += w
             if sweep == -1:  # drifts that hardly ever were likely take no time from here on
-                likely = np.flatnonzero((seen > 1e-3) | (np.arange(seen.size) == k))
+                shown = [c.shown for c in self.cases]  # u is over these: one of them stays
+                kept = (k, int(np.argmax(np.where(shown, seen, -1.0))))
+                likely = np.flatnonzero((seen > 1e-3) | np.isin(np.arange(seen.size), kept))
             elif sweep >= 0:
                 for i, share in zip(likely.tolist(), (w / _DRAWS).tolist(), strict=True):
                     found[(i, chosen)] = found.get((i, chosen), 0.0) + share

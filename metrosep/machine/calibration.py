@@ -210,7 +210,9 @@ class Calibration:
         dict
             Keys ``machine``, ``terms``, ``null``, ``condition``, ``noise``, ``refused``,
             ``messages``, ``audit``. Of a curve ``values`` are those of all its orders: the first ``fitted``
-            of them were fitted, the others are what the readings say of orders beyond.
+            of them were fitted, the others are what the readings say of orders beyond. Polynomials lie
+            between ``low`` and ``high`` (``position_unit``), less their value at ``home``; of an arc
+            less ``off`` times 1 (and cos, sin). Past the ends the others keep their value at the end.
         """
         terms = {}
         for name, term in self.errors.items():
@@ -223,8 +225,7 @@ class Calibration:
             known = not isinstance(term, UnseenTerm)
             terms[name] = {
                 "unit": term_unit(self.chain, name),
-                "basis": basis.kind,
-                "orders": [label.strip() for label in basis.labels],
+                **basis.to_dict(),
                 "fitted": len(self.bases[name].labels),
                 "values": values.tolist() if known else None,
                 "u": u.tolist() if known else None,

@@ -20,6 +20,8 @@ __all__ = ["AREAL", "PROFILE", "Call", "Function", "call_of", "canonical", "is_c
 
 _CALL = re.compile(r"\s*([A-Za-z]\w*)\s*\((.*)\)\s*", re.DOTALL)
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_COMMA = re.compile(r"\d+,\d+(?:[eE][-+]?\d+)?\s*[^\W\d]\w*")
+"""One length with a decimal comma, or a ratio and a length: 0,5 um."""
 _DIGITS = 12
 
 
@@ -120,7 +122,7 @@ def call_of(name: str, functions: Sequence[Function], kind: str = "") -> Call:
     symbol, texts = _parts(name)
     named = [f for f in functions if kind + f.symbol == symbol]
     if not named:
-        raise unknown([name], {_form(f, kind) for f in functions}, "a parameter with arguments")
+        raise unknown([name], [_form(f, kind) for f in functions], "a parameter with arguments")
     read = [_argument(text, name) for text in texts]
     takes = tuple(dimension for dimension, _ in read)
     for function in named:
@@ -155,6 +157,13 @@ def _parts(name: str) -> tuple[str, list[str]]:
     found = _CALL.fullmatch(name)
     if found is None:
         raise DataError(f"{name!r} is not a symbol with arguments, such as Rdc(20 %, 80 %)")
+    if _COMMA.fullmatch(inside := found[2].strip()):
+        first, second = inside.split(",")
+        two = f", or {found[1]}({100 * int(first)} %, {second}) for two arguments"
+        raise DataError(
+            f"{name}: the comma may be a decimal comma; write {found[1]}({first}.{second})"
+            f"{two if int(first) <= 1 else ''}"
+        )
     return found[1], [text.strip() for text in found[2].split(",")]
 
 

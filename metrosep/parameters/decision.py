@@ -11,7 +11,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -93,7 +93,11 @@ def decide(
     for name, number in (("U", U), ("guard_factor", guard_factor)):  # said as it was typed
         if not (math.isfinite(real(number, name, finite=False)) and number >= 0.0):
             raise DataError(f"{name} must be finite and not negative, got {_text(number)}")
-    guard = guard_factor * U
+    return _state(value, low, high, guard_factor * U)
+
+
+def _state(value: float, low: float, high: float, guard: float) -> Verdict:
+    """Return the verdict of `decide` with a guard band inside and outside each limit."""
     below, above = (_allowance(value, limit, guard) for limit in (low, high))
     if low + guard - below <= value <= high - guard + above:
         return "accept"
@@ -555,7 +559,8 @@ def judge_values(
     values of a part 10 % of which exceed the limit the stages accept 94.8 %. Two limits are two
     requirements: the values above one and below the other are counted apart, and the worse counts.
     Guard band g = guard_factor U: accept if it passes with the limits moved inwards by g, reject if
-    it fails with the limits moved outwards by g, else inconclusive.
+    it fails with the limits moved outwards by g, else inconclusive. A value on an edge counts as it
+    does for `decide`, to within rounding.
 
     References
     ----------
@@ -586,10 +591,8 @@ def judge_values(
                 for a, b in ((low, None), (None, high))
             ]
         )  # fmt: skip
-    passes = [
-        _passes(given, low + side, high - side, rule, staged=sequential)
-        for side in (guard, 0.0, -guard)
-    ]
+    passes = [_passes(given, _Moved(low, high, *at), rule, staged=sequential)
+              for at in ((guard, 1), (0.0, 1), (guard, -1))]  # fmt: skip
     verdict: Verdict = "inconclusive"
     if passes[0].verdict == "accept":
         verdict = "accept"
@@ -622,20 +625,37 @@ def _of_both_limits(found: list[Acceptance]) -> Acceptance:
     )
 
 
+class _Moved(NamedTuple):
+    """Limits moved by a guard band, inwards (1) or outwards (-1); one value is judged as by `decide`."""
+
+    low: float
+    high: float
+    guard: float
+    side: Literal[1, -1]
+
+    def leaves_out(self, value: float) -> bool:
+        state = _state(value, self.low, self.high, self.guard)
+        return state != "accept" if self.side > 0 else state == "reject"
+
+    def is_short(self, value: float) -> bool:
+        """Return whether a value is so far below an upper limit that it ends the staged measurement."""
+        most = _SHORT * (self.high - self.side * self.guard)  # of a limit below 0 that is outside
+        small = most > 0.0 and value <= most + _allowance(value, most, self.guard)
+        return small and math.isinf(self.low)
+
+
 def _passes(
-    values: list[float], low: float, high: float, rule: AcceptanceRule, *, staged: bool
+    values: list[float], limits: _Moved, rule: AcceptanceRule, *, staged: bool
 ) -> Acceptance:
     """Return the outcome of a rule with limits that are sharp."""
+    if staged:
+        return _in_stages(values, limits)
+    n = sum(map(limits.leaves_out, values))
     if rule == "median":
-        median = float(np.median(values))
-        inside = low <= median <= high
-        n = sum(not low <= v <= high for v in values)
+        inside = not limits.leaves_out(float(np.median(values)))
         where = "inside" if inside else "outside"
         text = f"median rule: the median of {len(values)} values lies {where} the limits"
         return Acceptance("accept" if inside else "reject", rule, text, tuple(values), n, -1, 0.0)
-    if staged:
-        return _in_stages(values, low, high)
-    n = sum(not low <= v <= high for v in values)
     allowed = 0 if rule == "max" else len(values) // _ONE_IN
     name = "maximum rule" if rule == "max" else "16 % rule"
     text = f"{name}: {n} of {len(values)} values outside, {allowed or 'none'} allowed"
@@ -646,19 +666,19 @@ def _passes(
     )
 
 
-def _in_stages(values: list[float], low: float, high: float) -> Acceptance:
+def _in_stages(values: list[float], limits: _Moved) -> Acceptance:
     def outcome(verdict: Verdict, used: int, allowed: int, text: str) -> Acceptance:
         part = tuple(values[:used])
-        n = sum(not low <= v <= high for v in part)
+        n = sum(map(limits.leaves_out, part))
         return Acceptance(verdict, "16%", f"16 % rule in stages: {text}", part, n, allowed, 0.0)
 
-    if math.isinf(low) and values[0] <= _SHORT * high:
+    if limits.is_short(values[0]):
         return outcome("accept", 1, 0, f"the first value is at most {_SHORT:g} of the limit")
     n = used = 0
     last, most = _STAGES[-1]
     for stage, allowed in _STAGES:
         part = values[:stage]
-        n = sum(not low <= v <= high for v in part)
+        n = sum(map(limits.leaves_out, part))
         used = len(part)
         if n > most:  # no later stage can accept
             break

@@ -34,16 +34,16 @@ _GRAMMAR = (
     'A limit is written as "A = 0.02 um^3, B = 2 from 0.1 mm to 5 mm" (PSD = A / f^B with f in '
     '1/um; "nm^2 mm" counts f in 1/mm) or "rms = 5 nm from 0.1 mm to 5 mm"'
 )
+_FROM_TO = r"\s*,?\s*from\s+(?P<low>.+?)\s+to\s+(?P<high>.+?)\s*"
 _POWER = re.compile(
-    r"\s*A\s*=\s*(?P<A>[^\s,;]+)\s*(?P<unit>[^,;]*?)\s*[,; ]\s*B\s*=\s*(?P<B>[\d.]+)\s*,?\s*"
-    r"from\s+(?P<low>.+?)\s+to\s+(?P<high>.+?)\s*"
+    r"\s*A\s*=\s*(?P<A>[-+]?[\d.]+(?:[eE][-+]?\d+)?|[^\s,;]+)\s*(?P<unit>[^,;]*?)\s*[,; ]"
+    r"\s*B\s*=\s*(?P<B>[\d.]+)" + _FROM_TO
 )
-_RMS = re.compile(
-    r"\s*rms\s*<?=\s*(?P<rms>.+?)\s*,?\s*from\s+(?P<low>.+?)\s+to\s+(?P<high>.+?)\s*"
-)
+_RMS = re.compile(r"\s*(?i:rms)\s*(?:<=?|≤|=)\s*(?P<rms>.+?)" + _FROM_TO)
 _CUBE = re.compile(
-    r"(?P<one>[a-zA-Zµ]+)\^(?:3|\(3\s*-\s*B\))|(?P<two>[a-zA-Zµ]+)\^2\s*[* ]?\s*(?P<f>[a-zA-Zµ]+)"
+    r"(?P<one>[a-zA-Zµμ]+)\^?(?:3|\(3\s*-\s*B\))|(?P<two>[a-zA-Zµμ]+)\^?2\s*[*·⋅ ]?\s*(?P<f>[a-zA-Zµμ]+)"
 )
+_RAISED = str.maketrans("²³", "23")
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +167,7 @@ def psd_limit(text: str) -> PsdLimit:
     """
     found = _POWER.fullmatch(text)
     if found is not None:
-        B, value = float(found["B"]), _number(found["A"], text)
+        value, B = (_number(found[name], name, text) for name in ("A", "B"))
         return PsdLimit(
             *_band(found),
             A=value * _unit(found["unit"], B, text),
@@ -176,26 +176,28 @@ def psd_limit(text: str) -> PsdLimit:
         )
     found = _RMS.fullmatch(text)
     if found is None:
-        raise DataError(f"{text!r} is not a limit of a spectrum. {_GRAMMAR}")
+        comma = " It has a decimal comma; write a point." if re.search(r"\d,\d", text) else ""
+        raise DataError(f"{text!r} is not a limit of a spectrum.{comma} {_GRAMMAR}")
     rms = parse_quantity(found["rms"], dimension="length", name="rms")
     return PsdLimit(*_band(found), rms=rms, text=" ".join(text.split()))
 
 
 def _band(found: re.Match[str]) -> tuple[float, float]:
-    ends = sorted(parse_quantity(found[k], dimension="length", name=k) for k in ("low", "high"))
+    names = {"low": "from", "high": "to"}
+    ends = sorted(parse_quantity(found[k], dimension="length", name=n) for k, n in names.items())
     return ends[0], ends[1]
 
 
-def _number(text: str, whole: str) -> float:
+def _number(text: str, name: str, whole: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise DataError(f"A = {text!r} in {whole!r} is not a number. {_GRAMMAR}") from None
+        raise DataError(f"{name} = {text!r} in {whole!r} is not a number. {_GRAMMAR}") from None
 
 
 def _unit(text: str, B: float, whole: str) -> float:
     """Return the size of a unit of A in m^(3 - B)."""
-    found = _CUBE.fullmatch(text.strip())
+    found = _CUBE.fullmatch(text.strip().translate(_RAISED))
     if found is None:
         what = f"the unit {text!r}" if text.strip() else "no unit"
         raise DataError(
@@ -284,6 +286,7 @@ class PsdVerdict:
             f"{long} along {self.direction} ({n:.3g} independent value{'s' if n > 1.0 else ''}, so "
             f"the true ratio lies between {ratio * less:.3g} and {ratio * more:.3g} at 5 % each); "
             f"{n_open} of {len(self.bands)} bands not accepted"
+            + (f"; limit: {self.limit.text}" if self.limit.text else "")
         )
 
 

@@ -10,7 +10,14 @@ from metrosep.core.errors import DataError
 from metrosep.core.limits import FORM_OF_SYMBOL
 from metrosep.parameters.arguments import AREAL, PROFILE, Call, call_of, is_call
 
-__all__ = ["current_symbol", "is_of_all", "same_parameter", "unit_of_symbol"]
+__all__ = [
+    "called",
+    "current_symbol",
+    "is_of_all",
+    "same_parameter",
+    "symbols_of_all",
+    "unit_of_symbol",
+]
 
 
 def unit_of_symbol(symbol: str) -> str | None:
@@ -23,7 +30,7 @@ def unit_of_symbol(symbol: str) -> str | None:
     """
     if is_call(symbol):
         try:
-            return _call(symbol).function.unit
+            return called(symbol).function.unit
         except DataError:
             return None
     return "m" if symbol[:3] in FORM_OF_SYMBOL and len(symbol) > 3 else _units().get(symbol)
@@ -42,6 +49,17 @@ def is_of_all(symbol: str) -> bool:
         and not is_call(symbol)
         and unit_of_symbol(symbol) is not None
     )
+
+
+def symbols_of_all() -> tuple[str, ...]:
+    """Return the symbols that ``names = "all"`` may ask for, of maps and profiles.
+
+    Examples
+    --------
+    >>> [s in symbols_of_all() for s in ("Sku", "Rzx", "FLTt")]
+    [True, True, False]
+    """
+    return tuple(s for s in _units() if is_of_all(s))
 
 
 def current_symbol(name: str) -> str:
@@ -75,19 +93,19 @@ def same_parameter(one: str, other: str) -> bool:
     return any(_plain(one, kind) == _plain(other, kind) for kind in "PWR")
 
 
-def _call(name: str) -> Call:
+def called(name: str) -> Call:
     """Return what a name with arguments means, of a map or of any kind of profile."""
     if name.lstrip().startswith(("S", "V")):
         return call_of(name, AREAL)
     from metrosep.parameters.profile import _renamed
 
     name = _renamed(name.lstrip(), "R")
-    return call_of(name, PROFILE, name[:1])
+    return call_of(name, PROFILE, name[0] if name[0] in "PW" else "R")
 
 
 def _one_spelling(name: str) -> str:
     try:
-        return _call(name).name if is_call(name) else name
+        return called(name).name if is_call(name) else name
     except DataError:
         return name
 

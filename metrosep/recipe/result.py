@@ -360,7 +360,9 @@ def measured_runs(document: Mapping[str, Any]) -> RunSet:
         unit = "rad" if "x_rad" in document["runs"][0] else "m"  # of an axis that turns
         z_unit = "rad" if "z_rad" in document["runs"][0] else "m"
         runs = [_stored_run(entry, unit, z_unit) for entry in document["runs"]]
-        return RunSet(runs, metadata={"unit": unit, "z_unit": z_unit}, history=tuple(history))
+        known = {"unit": unit, "z_unit": z_unit}
+        known |= {"no_folds": str(document["no_folds"])} if "no_folds" in document else {}
+        return RunSet(runs, metadata=known, history=tuple(history))
     except (AttributeError, KeyError, TypeError, ValueError, DataError) as exc:
         raise _damaged("runs", exc) from None
 

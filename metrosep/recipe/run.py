@@ -132,20 +132,20 @@ def table_basis(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> dict[s
     found = clean({"estimate": estimate.to_dict(), "runs": run_records(runs)})
     return {
         **found,
-        "folds": clean(_folds(runs, measured_runs(found), estimate)),
+        **clean(_folds(runs, measured_runs(found), estimate)),
         "polynomial": clean(_polynomial(recipe, measured_runs(found), estimate)),
     }
 
 
-def _folds(runs: RunSet, stored: RunSet, estimate: ErrorEstimate) -> list[dict[str, Any]]:
-    """Return the estimates without each run; none where the stored runs can be separated again."""
+def _folds(runs: RunSet, stored: RunSet, estimate: ErrorEstimate) -> dict[str, Any]:
+    """Return the estimates without each run, or why there are none; nothing where the stored runs make them."""
     if [r.sha256 for r in runs] == [r.sha256 for r in stored]:
-        return []
+        return {"folds": []}
     try:
         made = fold_estimates(runs, estimate.history, (estimate.start, estimate.stop))
-    except MetrosepError:
-        return []  # a table then says why it cannot be made without some of the runs
-    return [{"left_out": list(o), "estimate": _bare(e).to_dict()} for o, e in made]
+    except MetrosepError as exc:
+        return {"folds": [], "no_folds": str(exc)}  # which a table says when it is judged
+    return {"folds": [{"left_out": list(o), "estimate": _bare(e).to_dict()} for o, e in made]}
 
 
 def _bare(estimate: ErrorEstimate) -> ErrorEstimate:

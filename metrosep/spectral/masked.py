@@ -49,8 +49,12 @@ _NEAR, _NEAR_LINE = ((25, 1.5), (7, 4.0)), ((129, 1.5), (17, 4.0))
 """Frequencies along each axis, padded, over which a density is smoothed to see that, an eighth of all at
 most; and how many times it must be what would be added to a white density. The logarithm of the mean of
 about 80 independent ones scatters by 0.14, of 6 by 0.5: both are nearly three standard deviations."""
-_SHIFTS = 3
-"""Of the holes, by which it is seen what closing them puts where: the largest counts, as one scatters."""
+_SHIFTS, _SHIFTS_LINE = 3, 7
+"""Of the holes, by which it is seen what closing them puts where: of the first three the largest counts, as one
+scatters, and the median of all of what it takes; another closed line takes no time."""
+_MOST_SCALED = 3.0
+"""Times the shifted holes' share of the window's square that the real ones may have: near its end they show
+next to nothing, and that many times over."""
 _FALLS = 1.0
 """Exponent of 1/f from which the slopes are taken: at f^-1 both ways are within 5 % of the truth."""
 
@@ -169,9 +173,9 @@ def masked_psd(
     Raises
     ------
     DataError
-        If an option is out of range, slopes are asked with ``detrend="mean"``, a step is not known, or more than `max_filled` is missing.
+        If an option is out of range, slopes are asked with ``detrend="mean"``, or a step is not known.
     InvalidSamplesError
-        If nothing was measured.
+        If nothing was measured, or more than `max_filled` is missing.
     NotUniformError
         If the positions of a profile are not uniform.
     TooFewSamplesError
@@ -229,7 +233,7 @@ def masked_psd(
     n_filled = int(outline.sum()) - int(measured.sum())
     share = n_filled / int(outline.sum())
     if share > max_filled:
-        raise DataError(
+        raise InvalidSamplesError(
             f"{100 * share:.3g} % of the outline is missing, more than the {100 * max_filled:.3g} % that "
             "max_filled allows: holes would decide the spectrum; crop, or raise max_filled"
         )
@@ -286,10 +290,13 @@ def masked_psd(
             return _of_heights(heights, whole, steps, is_map=is_map)
 
         errors = _errors(z, closed, outline, filled, measured, square, steps)
-        for error, scale in errors:
+        for error, scale in errors[:_SHIFTS]:
             wrong = np.maximum(wrong, scale * density(error, outline))
-        twice = [(density(closed + error, known), scale) for error, scale in errors]
-        kept = np.where(leaks, _kept(density(closed, known), twice), 1.0)
+        twice = [(density(closed + e, known), s) for e, s in errors if s <= _MOST_SCALED]
+        axes = [np.abs(np.fft.fftfreq(n, d)) for n, d in zip(power.shape, steps, strict=True)]
+        sides = [_left(f, square, filled, steps, k) for k, f in enumerate(axes)]
+        least = np.maximum(sides[0][:, None], sides[1]) if is_map else sides[1][None, :]
+        kept = np.where(leaks, np.maximum(_kept(density(closed, known), twice), least), 1.0)
         wrong = np.where(leaks, wrong if errors else power, 0.0) / kept
     found = _spectrum(power / kept, w * measured, steps, history, is_map=is_map)
     if taken == "slopes" and not known[outline].all():
@@ -605,7 +612,8 @@ def _errors(
 ) -> list[tuple[FloatArray, float]]:
     """Return what is wrong where holes of the same shape elsewhere are closed, and the weight of the real ones.
 
-    Elsewhere are the shifts by quarters of the map that put most of the window's square on known pixels.
+    Elsewhere are the shifts by quarters of a map, by sixteenths of a profile, that put most of the window's
+    square on known pixels, the best first.
     """
     from scipy import ndimage
 
@@ -614,11 +622,12 @@ def _errors(
     free = measured & ndimage.binary_erosion(
         outline, around
     )  # what is closed has known neighbours
-    shifts = {(j * n_y // 4, i * n_x // 4) for j in range(4) for i in range(4)} - {(0, 0)}
+    parts = 4 if n_y > 1 else 16
+    shifts = {(j * n_y // 4, i * n_x // parts) for j in range(4) for i in range(parts)} - {(0, 0)}
     weights = {s: float(square[np.roll(filled, s, (0, 1)) & free].sum()) for s in shifts}
     best = sorted((s for s in shifts if weights[s] > 0.0), key=lambda s: (-weights[s], s))
     found = []
-    for shift in best[:_SHIFTS]:
+    for shift in best[: _SHIFTS if n_y > 1 else _SHIFTS_LINE]:
         moved = np.roll(filled, shift, (0, 1)) & free
         error = _closed(closed, outline, outline & ~moved, steps) - closed
         found.append((error, float(square[filled].sum()) / weights[shift]))
@@ -630,19 +639,22 @@ def _kept(power: FloatArray, twice: list[tuple[FloatArray, float]]) -> FloatArra
 
     `twice` holds the densities with known pixels closed as well, and the weight of the real holes over theirs.
     The logarithm of a density has the same bias whatever its level, so that the mean of its change nearby is
-    that of the share, however steeply the density falls.
+    that of the share, however steeply the density falls. The median over the shifts is taken: one of them may
+    lie on a step or a spike, which the real holes do not.
     """
     from scipy import ndimage
 
+    if not twice:
+        return np.ones(power.shape)
     tiny = np.finfo(float).tiny
     level = np.log(np.maximum(power, tiny))
-    change = np.zeros(power.shape)
-    for again, scale in twice:
-        change += scale * (np.log(np.maximum(again, tiny)) - level)
     wide = (_NEAR if min(power.shape) > 1 else _NEAR_LINE)[0][0]
     sizes = [max(1, min(wide, n // 8)) for n in power.shape]
-    near = ndimage.uniform_filter(change / max(len(twice), 1), sizes, mode="wrap")
-    return np.asarray(np.exp(np.minimum(near, 0.0)))
+    near = [
+        scale * ndimage.uniform_filter(np.log(np.maximum(again, tiny)) - level, sizes, mode="wrap")
+        for again, scale in twice
+    ]
+    return np.asarray(np.exp(np.minimum(np.median(near, axis=0), 0.0)))
 
 
 def _left(

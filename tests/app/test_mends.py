@@ -14,7 +14,7 @@ from metrosep.app.documents import Edit, Places
 from metrosep.app.mends import mends_of_edit, mends_of_step
 from metrosep.app.server import Answers
 from metrosep.app.sessions import Session
-from metrosep.core.errors import Example, MetrosepError
+from metrosep.core.errors import DataError, Example, MetrosepError
 
 RUNS = f"""{mean_of_runs()}[[output]]
 kind = "table"
@@ -360,3 +360,19 @@ def test_what_an_error_carries_is_offered_where_a_step_is_refused(tmp_path, keys
         document.copy().edit(edits)
     hints = refused.value.hints
     assert [f"Set {k} = {v}" for hint in hints for k, v in hint.items()] == [label]
+
+
+@pytest.mark.parametrize(
+    ("request_", "needs"),
+    [
+        ({"k": "section", "b": [0.0, 1.0]}, "section needs the point a as [x, y], got nothing"),
+        ({"k": "section", "a": [0.0, 1.0], "b": [2.0]}, r"section needs the point b as [x, y], got [2.0]"),
+        ({"k": "spectrum", "a": [True, 1.0], "b": [2.0, 0.0]}, "spectrum needs the point a"),
+        ({"k": "places", "what": "extremes", "radius": 1.0}, "places needs the point at"),
+        ({"k": "places", "what": "extremes", "at": [3.0, 4.0]}, "places needs the number radius, got nothing"),
+    ],
+)  # fmt: skip
+def test_a_request_that_lacks_a_place_says_which(tmp_path, request_, needs):
+    answers = opened(tmp_path, 1e-6)
+    with pytest.raises(DataError, match=re.escape(f"the request {needs}")):
+        answers.answer(request_)

@@ -85,6 +85,12 @@ def test_every_mistake_is_told_with_its_line_and_the_nearest_word(run):
         ("[[step]]", "[[step", "line 4"),
         ('op = "form"', 'op = "separate"', "r.toml:"),
         ('upper = "10 nm"', 'upper = "10 nm"\nlower = "20 nm"', "r.toml:1"),
+        (
+            '["Sa"]',
+            '["Sa", "Smr(0,5 um)"]',
+            "r.toml:9: [[step]] 2 (parameters): Smr(0,5 um): the comma",
+        ),
+        ('["Sa"]', '["Sa", "Smr(120 %, 1 um)"]', "between 0 % and 100 %, got 120 %"),
         ("[input]", "[batch]\nindex = ['foo']\n[input]", ":3: Unknown index format 'foo'"),
         ("[input]", "[batch]\npattern = '('\n[input]", ":3: pattern is not a regular expression"),
     ],

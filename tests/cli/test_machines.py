@@ -506,6 +506,64 @@ def test_the_plane_says_which_positions_of_a_log_run(call, tmp_path, plane, term
         assert f"--plane {''.join(names)}" in asked.err
 
 
+def log_of_axes(file, axes, plane, *, angle=False):
+    """Write encoders of some axes: the circle runs in `plane`, its second axis leans by 20 urad to minus."""
+    a = np.concatenate([np.linspace(0.0, 2 * np.pi, 721), np.linspace(2 * np.pi, 0.0, 721)])
+    second = 150 * np.sin(a)
+    at = dict.fromkeys("XYZ", np.full(a.size, 31.0))
+    at |= {plane[0]: 40 + 150 * np.cos(a) - 20e-6 * second, plane[1]: -60 + second}
+    rows, names = [at[n] for n in axes], [f"{n} [mm]" for n in axes]
+    if angle:
+        rows, names = [np.degrees(a), *rows, 3.0 + a], ["angle [deg]", *names, "reading [um]"]
+    head = ";".join(names)
+    np.savetxt(file, np.column_stack(rows), fmt="%.7f", delimiter=";", header=head, comments="")
+    return str(file), "--radius", "150 mm", "--feed", "1000 mm/min"
+
+
+@pytest.mark.parametrize("values", ["ccw", "reading"])
+def test_positions_beside_an_angle_ask_for_no_plane(call, tmp_path, values):
+    file = tmp_path / "log.csv"
+    words = log_of_axes(file, "XZ", "XZ", angle=True)
+    rows = file.read_text("utf-8").replace("reading", values).splitlines()[:722]  # one turn
+    found = []
+    for kept in (slice(0, 4), slice(0, 4, 3)):  # with the positions and without
+        file.write_text("\n".join(";".join(r.split(";")[kept]) for r in rows), "utf-8")
+        done = call("circle", *words, "--uncalibrated", "--json")
+        assert done.code == 0, done.err
+        found.append(json.loads(done.out)["quantities"])
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize(
+    ("axes", "plane", "right"), [("XY", "ZX", "XY"), ("XY", "YZ", "XY"), ("YZ", "XZ", "YZ")]
+)
+def test_a_log_of_other_axes_than_those_of_the_plane_is_refused(
+    call, tmp_path, axes, plane, right
+):
+    words = log_of_axes(tmp_path / "log.csv", axes, axes)
+    done = call("circle", *words, "--plane", plane)
+    assert done.code == 4
+    assert f"positions of {axes[0]} and {axes[1]}, and the plane is {plane}" in done.err
+    assert f"give --plane {right}, or name the columns with --x and --y" in done.err
+    named = ("--x", f"{axes[0]} [mm]", "--y", f"{axes[1]} [mm]")
+    assert call("circle", *words, "--plane", plane, *named).code == 0
+
+
+@pytest.mark.parametrize("named", ["x", "y"])
+@pytest.mark.parametrize("plane", ["XZ", "ZX"])
+def test_one_named_column_leaves_the_other_to_the_plane(call, tmp_path, plane, named):
+    words = log_of_axes(tmp_path / "log.csv", "XYZ", plane)
+    column = f"{plane['xy'.index(named)]} [mm]"
+    done = call("circle", *words, "--plane", plane, f"--{named}", column, "--json")
+    assert done.code == 0, done.err
+    found = json.loads(done.out)["quantities"]
+    assert found["B0Z"]["value"] == pytest.approx(-20e-6, abs=0.05e-6)  # counts of 0.1 nm
+    alone = log_of_axes(tmp_path / "xy.csv", "XY", "XY")
+    done = call("circle", *alone, "--plane", "XZ", "--x", "X [mm]")
+    assert done.code == 4
+    assert "and the plane is XZ" in done.err
+
+
 def test_columns_that_both_may_be_the_angle_are_asked_for(call, folder, tmp_path):
     text = (folder / "circle.csv").read_text("utf-8").replace("cw_um\n", "cw_um,Winkel_deg\n")
     rows = text.splitlines()

@@ -123,6 +123,18 @@ def test_exit_code_is_the_verdict(metrosep, waves, limit, U, code):
     [
         (("--params", "Sdr", "--upper", "Sdr=1 nm"), 2, "is a length, but Sdr is a pure number"),
         (("--params", "Sq", "--upper", "Sa=5 nm"), 2, "Sa has a limit but is not among --params"),
+        (("--upper", "Smr(5 nm)=30 %"), 2, '"all" has no parameters with arguments and no deviat'),
+        (("--upper", "FLTt=1 um"), 2, "no deviations of form: name it"),
+        (("--upper", "Saq=1 um"), 2, 'not among --params; did you mean "Sq"?'),
+        (("--params", "Smr(0,5 um)"), 2, "decimal comma; write Smr(0.5 um), or Smr(0 %, 5 um)"),
+        (("--params", "Sq", "--upper", "Smr(0.3 um=5 nm"), 2, "Smr(0.3 um has a limit but is not"),
+        (("--params", "Sq", "--upper", "S[a=5 nm"), 2, "S[a has a limit but is not among"),
+        (("--params", "Sq", "--upper", r"S\1q=5 nm"), 2, r"S\1q has a limit but is not among"),
+        (
+            ("--params", "Smr(5 nm)", "--upper", "Smr(5 nm)=30 nm"),
+            2,
+            "such as --upper 'Smr(5 nm)=0.5'",
+        ),
         (("--params", "Sq", "--upper", "Sq=5", "--U", "Sq=1 nm"), 2, "unit"),
         (("--params", "Sq", "--upper", "Sq"), 2, "NAME=VALUE"),
         (("--params", "Ra"), 2, "a map has no parameter 'Ra'"),

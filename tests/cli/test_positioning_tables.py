@@ -567,7 +567,7 @@ def test_a_sidecar_with_damaged_temperatures_is_refused(tmp_path, metrosep, heat
     beside.write_text(json.dumps(told))
     code, _, told = metrosep("table", file, *NAMES, *SENSE, "--active", old, "-o", new)
     assert code == 4
-    assert "reference_direction or heat is damaged" in told
+    assert "'reference_direction' or 'heat' is damaged" in told
     code, _, told = metrosep("verify", old, "--against", file, *NAMES[:6], *SENSE)
     assert code == 4
 

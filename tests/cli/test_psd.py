@@ -68,19 +68,47 @@ def test_the_recipe_says_the_same_and_draws_the_limit(metrosep, disc, tmp_path):
     assert "Power spectral density" in (tmp_path / "out" / "report.html").read_text("utf-8")
 
 
+def test_two_limits_with_names_are_told_apart_on_the_page(metrosep, disc, tmp_path):
+    """A check with a name of its own does not hide what was asked: the page has both limits."""
+    recipe = tmp_path / "r.toml"
+    limits = ("RMS = 60 nm from 50 µm to 0.5 mm", "A = 5 nm²·mm, B = 2 from 0.05 mm to 0.5 mm")
+    steps = "".join(f'[[step]]\nop = "psd"\nlimit = "{limit}"\n' for limit in limits)
+    checks = (
+        '[[check]]\nmetric = "PSD"\nname = "waves"\n[[check]]\nmetric = "PSD#2"\nname = "slope"\n'
+    )
+    recipe.write_text(
+        f'metrosep = 1\n[input]\nfiles = ["disc.h5"]\n{steps}{checks}[[output]]\nkind = "report"\n',
+        encoding="utf-8",
+    )
+    code, _, _ = metrosep("run", recipe, "-o", tmp_path / "out")
+    assert code == 1
+    document = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
+    found = {c["name"]: c for c in document["characteristics"]}
+    page = (tmp_path / "out" / "report.html").read_text("utf-8").partition("<h2>Annex")[0]
+    for name, verdict, limit in zip(("waves", "slope"), ("accept", "reject"), limits, strict=True):
+        assert found[name]["verdict"] == verdict
+        assert found[name]["u_note"].endswith(f"; limit: {limit}")
+        assert f"limit: {limit}" in page
+        # the same at the command line
+        _, out, _ = metrosep("psd", disc, "--limit", limit, "--json", "--form", "none")
+        content = json.loads(out)
+        assert content["verdict"] == verdict
+        assert max(b["ratio"] for b in content["bands"]) == found[name]["value"]
+
+
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("words", "message", "wanted"),
     [
-        (("--limit", "A = 5, B = 2 from 0.05 mm to 0.5 mm"), "the unit of the density is needed"),
+        (("--limit", "A = 5, B = 2 from 0.05 mm to 0.5 mm"), "the unit of the density is needed", 2),
         (("--limit", "rms = 1 nm from 0.05 mm to 0.5 mm", "--max-filled", "0"),
-         "more than the 0 % that --max-filled allows: holes would decide the spectrum; crop, or raise --max-filled"),
+         "more than the 0 % that --max-filled allows: holes would decide the spectrum; crop, or raise --max-filled", 4),
         (("--limit", "rms = 1 nm from 0.05 mm to 0.5 mm", "--max-filled", "1.5"),
-         "error: --max-filled is a share from 0 to 1"),
+         "error: --max-filled is a share from 0 to 1", 2),
     ],
 )  # fmt: skip
-def test_what_cannot_be_judged_is_one_sentence(metrosep, disc, words, message):
+def test_what_cannot_be_judged_is_one_sentence(metrosep, disc, words, message, wanted):
     code, _, err = metrosep("psd", disc, *words)
-    assert code == 2
+    assert code == wanted  # 4: the map is at fault, 2: what was typed
     assert message in err
     assert err.count("error:") == 1
     assert not re.search(r"max_filled|command line|step \d", err)

@@ -53,6 +53,8 @@ def test_coefficients_of_an_asphere():
         "a4=2e-7 /mm³",
         "a4=2e-7 mm⁻³",
         "a4=2e-7 1/mm³",
+        "a4=2e−7 mm−3",
+        "a4=2e−7 mm^−3",
     ],
 )
 def test_coefficients_of_an_asphere_have_the_unit_of_the_drawing(a4):
@@ -61,6 +63,15 @@ def test_coefficients_of_an_asphere_have_the_unit_of_the_drawing(a4):
     r = 7.5  # mm; a paraboloid and the terms of the drawing
     sag = r**2 / 80.0 + 1e-3 * r**2 + 2e-7 * r**4 - 3e-10 * r**6
     assert form(r * 1e-3, 0.0) == pytest.approx(sag * 1e-3, abs=1e-17)  # rounding of float64
+
+
+def test_a_typeset_minus_is_read_in_every_value():
+    form = form_from_text("conic: R=−50 mm, k=−1.5")
+    assert form.parameters == {**form.parameters, "R": -0.05, "k": -1.5}
+    form = form_from_text("expression: a*x − b; a=−2, b=−3e−3")
+    assert form(1.0, 0.0) == pytest.approx(-2.0 + 3e-3, abs=1e-15)  # rounding of float64
+    assert form_from_text("asphere: a4=−200 SI, k=−1").parameters["a4"] == -200.0
+    assert parameter_value("−1.2", "1", "k") == -1.2  # of a recipe: at = { k = "−1.2" }
 
 
 def test_expression_keeps_its_formula():
@@ -88,6 +99,12 @@ def test_expression_keeps_its_formula():
             UnitError,
             r"a number per length to the power 3, such as 2e-7 /mm\^3",
         ),
+        *[
+            (f"asphere: a4={number}", UnitError, r"write .* such as 2e-7 /mm\^3")
+            for number in ("2⁴ /mm^3", "2⁴ SI", "2e⁻7 /mm³", "⁻2 mm⁻³", "2·10⁻⁷ mm⁻³", "2 /mm3³")
+        ],
+        ("conic: R=5² mm", UnitError, "R of conic"),
+        ("conic: k=⁻1", UnitError, "a pure number is needed"),
         ("asphere: a4=2*10^-7 /mm^3", UnitError, r"such as 2e-7 /mm\^3"),
         ("asphere: a4=2,0e-7 /mm^3", DataError, "numbers have a decimal point"),
         ("asphere: terms=4,6", DataError, "terms=4 6 8"),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, OptionError
 from metrosep.io.circle_logs import read_circle_log
 
 R = 0.1
@@ -37,3 +37,11 @@ def test_an_empty_angle_loses_its_row_and_no_other(tmp_path):
 def test_a_sense_of_too_few_readings_is_refused_and_not_dropped(tmp_path):
     with pytest.raises(DataError, match="needs 16"):
         log_of(tmp_path, rows(n_cw=12))
+
+
+@pytest.mark.parametrize("plane", ["Z", "", "QQ", "YX", "xy", None, ("X", "Y")])
+def test_a_plane_that_is_none_is_refused_by_name(tmp_path, plane):
+    file = tmp_path / "circle.csv"
+    file.write_text("angle_deg,reading_um\n" + "\n".join(rows()) + "\n")
+    with pytest.raises(OptionError, match="plane is one of XY, YZ, ZX, XZ"):
+        read_circle_log(file, radius=R, plane=plane)

@@ -1,9 +1,12 @@
 """u of calibrated curves holds what the orders that were fitted leave out: corners, bumps, odd waves."""
 
+import json
+
 import numpy as np
 import pytest
 
-from metrosep.machine import Displacement, ReadingSet, calibrate, presets
+from metrosep.machine import Displacement, Nest, ReadingSet, calibrate, presets
+from metrosep.machine._lack_of_fit import _Case, _Curves
 
 REACH, NOISE = 0.4, 0.1e-6
 PLACES = np.linspace(0.0, 1.0, 41)
@@ -168,6 +171,73 @@ def test_what_is_stored_of_a_curve_is_the_curve():
     P = np.polynomial.Legendre(c, domain=(0.0, 1.0))
     assert found.errors["EXX"].evaluate(REACH * t) == pytest.approx(P(t) - P(0.0), abs=1e-15)
     assert np.ptp(np.polynomial.Legendre(c[:4])(2.0 * t - 1.0)) < 0.5 * np.ptp(P(t))
+
+
+def test_noise_has_a_drift_that_is_no_constant_where_the_readings_favour_one():
+    """All drifts that could be told from a constant were dropped as unlikely: max() of nothing."""
+    shift = np.array([[3e-6], [0.0]])
+    cases = [
+        _Case(
+            base, 40.0, 40, 30.0 * np.eye(4), np.full(4, 5.0), np.full(4, 30.0), np.zeros((1, 4)),
+            b, 0.0, False, shown, np.array([[7e-12]]),
+        )
+        for base, b, shown in zip((60.0, 0.0), shift, (True, False), strict=True)
+    ]  # fmt: skip
+    own = [np.array([0, 1]), np.array([2, 3])]
+    mean, cov = _Curves(cases, [np.ones((3, 2))] * 2, own).moments()
+    # both explain the same, so D = 0 leaves of the coefficient what the drift that is shown says
+    assert mean[0] == pytest.approx(3e-6, abs=1e-15)
+    assert 0.1 * 7e-12 < cov[0, 0] <= 7e-12  # the curve may take a part of the square 40 / 40
+
+
+def from_document(term, x):
+    """The curve of a stored term, by what the page says of the keys."""
+
+    def plain(x):
+        if term["basis"] == "fourier":
+            return np.stack([getattr(np, n[:3])(int(n[3:]) * x) for n in term["orders"]], axis=1)
+        t = (2.0 * x - term["low"] - term["high"]) / (term["high"] - term["low"])
+        P = np.stack([np.polynomial.Legendre.basis(int(n[6:]))(t) for n in term["orders"]], axis=1)
+        off = np.array(term.get("off", np.zeros((len(term["orders"]), 1))))
+        return P - np.stack([x**0, np.cos(x), np.sin(x)], axis=1)[:, : off.shape[1]] @ off.T
+
+    n, c = term["fitted"], np.array(term["values"])
+    inside = x if term["basis"] == "fourier" else np.clip(x, term["low"], term["high"])
+    at_home = plain(np.array([term["home"]])) @ c if "home" in term else 0.0
+    return plain(x)[:, :n] @ c[:n] + plain(inside)[:, n:] @ c[n:] - at_home
+
+
+def test_a_reader_of_the_document_has_the_curve_inside_and_past_its_ends():
+    rng = np.random.default_rng(8)
+    x = np.tile(np.linspace(0.05, 0.35, 41), 2)
+    line = ReadingSet(
+        Displacement(direction=(1, 0, 0)), {"X": x, "Y": 0.0, "Z": 0.0},
+        wave(x / REACH, 0.3, 1) + NOISE * rng.normal(size=82), unknown=("offset",),
+    )  # fmt: skip
+    moved = calibrate(presets("mill_xyz"), [line], terms=["EXX"], degrees=3, home={"X": 0.1})
+    five, found = presets("five_axis", pivot_height=0.08), [("EXX", moved)]
+    for axis, low, high, term in (
+        ("A", -95, 30, "EYA"),
+        ("A", -95, 30, "EXA"),
+        ("C", 0, 351, "EZC"),
+    ):
+        a = np.tile(np.radians(np.linspace(low, high, 40)), 2)
+        q = dict.fromkeys("XYZAC", 0.0) | {axis: a}
+        nest = ReadingSet(
+            Nest(), q, 1e-6 * np.sin(9.0 * a)[:, None] + NOISE * rng.normal(size=(80, 3))
+        )
+        found.append((term, calibrate(five, [nest], terms=[term], degrees=4)))
+    for name, calibration in found:
+        term, curve = calibration.to_dict()["terms"][name], calibration.errors[name]
+        term = json.loads(json.dumps(term, allow_nan=False))
+        assert len(term["orders"]) > term["fitted"]
+        low, high = term.get("low", 0.0), term.get("high", 6.0)
+        assert term["position_unit"] == ("m" if name == "EXX" else "rad")
+        at = np.linspace(low - 0.2 * (high - low), high + 0.2 * (high - low), 57)
+        size = np.ptp(curve.evaluate(np.linspace(low, high, 57)))
+        assert size > 0.3e-6
+        assert from_document(term, at) == pytest.approx(curve.evaluate(at), abs=1e-9 * size)
+    assert moved.to_dict()["terms"]["EXX"]["home"] == 0.1
 
 
 def test_u_of_places_is_that_of_the_curve():

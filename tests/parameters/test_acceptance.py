@@ -140,6 +140,45 @@ def test_guard_band_makes_a_count_inconclusive():
         )
 
 
+@pytest.mark.parametrize("limit", [0.2, 0.4, 0.8, 1.6, 3.2, 6.3, 12.5])
+@pytest.mark.parametrize("unit", [1.0, 1e-6, 1e-9])
+def test_a_first_value_of_seventy_per_cent_ends_the_stages(limit, unit):
+    """0.56 um of 0.8 um is 70 %, whatever 0.7 * 0.8 is in binary; 0.57 um is more."""
+    seventy = round(0.7 * limit, 6)
+    at, beyond = (
+        judge_values([v * unit], upper=limit * unit, rule="16%", sequential=True)
+        for v in (seventy, seventy + 0.01)
+    )
+    assert (at.verdict, beyond.verdict) == ("accept", "inconclusive")
+
+
+def test_seventy_per_cent_of_a_limit_below_zero_accepts_nothing():
+    """Rsk = -0.4 is above its upper limit of -0.5, though it is below 0.7 * -0.5."""
+    above = judge_values([-0.4], upper=-0.5, rule="16%", sequential=True)
+    assert (above.verdict, above.n_outside) == ("inconclusive", 1)
+    below = judge_values([-0.6, -0.7, -0.8], upper=-0.5, rule="16%", sequential=True)
+    assert (below.verdict, len(below.values)) == ("accept", 3)
+    # with its guard band a limit of 0.1 ends at -0.4, and -0.35 is not proven to be below
+    near = judge_values([-0.35], upper=0.1, U=0.5, rule="16%", sequential=True)
+    assert near.verdict == "inconclusive"
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-6, 1e-9])
+def test_one_value_is_judged_as_without_a_rule(unit):
+    """Hand-made values of two digits about hand-made limits: also on the edges of the guard band."""
+    for limit, U, k in itertools.product(
+        (0.35, 0.8, 1.6, 6.3), (0.0, 0.01, 0.02, 0.1), range(-12, 13)
+    ):
+        value = round(limit + 0.01 * k, 2)
+        guard = round(100 * U)  # in hundredths, as k
+        truth = "accept" if k <= -guard else "reject" if k >= guard else "inconclusive"
+        for side, sign in (("upper", 1), ("lower", -1)):
+            v, t = (value, limit) if sign > 0 else (-value, -limit)
+            for rule in ("max", "16%", "median"):
+                found = judge_values([v * unit], U=U * unit, rule=rule, **{side: t * unit})
+                assert found.verdict == truth, (limit, U, value, side, rule)
+
+
 def test_few_values_say_that_the_rule_is_the_maximum_rule():
     found = judge_values(TWELVE[:5], upper=0.80, rule="16%")
 

@@ -28,6 +28,36 @@ def test_units_of_a_say_how_f_counts(B):
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "A=0.02um^3 B=2 from 5mm to 0.1mm",
+        "A = 2e-2 µm³, B = 2. from 100 µm to 5 mm",
+        "A = 0.02 μm3; B = 2, from 0.1 mm to 5 mm",
+        "A = 0.02 um^(3-B), B = 2 from 0.1 mm to 5 mm",
+        "A = 20 nm²·m, B = 2 from 0.1 mm to 5 mm",
+        "A = 20e-6 um2 mm, B = 2 from 0.1 mm to 5 mm",
+    ],
+)
+def test_a_limit_is_read_as_drawings_write_it(text):
+    """0.02 um^3 at f = 1/um is 0.02e-18 m^3 at 1e6/m; 20 nm^2 m has f in 1/m, 20e-6 um^2 mm in 1/mm."""
+    limit = psd_limit(text)
+    read, made = limit.A, 0.02e-18 * 1e12
+    if "nm" in text:
+        made = 20e-18
+    elif "um2" in text:
+        made = 20e-6 * 1e-15 * 1e6
+    assert read == pytest.approx(made, rel=1e-12, abs=0.0)
+    assert (limit.B, limit.shortest, limit.longest) == (2.0, 1e-4, 5e-3)
+
+
+@pytest.mark.parametrize("word", ["rms =", "RMS=", "rms <", "Rms <= ", "rms ≤"])
+def test_an_rms_is_read_in_any_spelling(word):
+    assert psd_limit(f"{word} 5 nm, from 100um to 5 mm").rms == pytest.approx(
+        5e-9, rel=1e-12, abs=0.0
+    )
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("A = 3, B = 2 from 0.1 mm to 5 mm", "no unit; the unit of the density is needed"),
@@ -37,6 +67,10 @@ def test_units_of_a_say_how_f_counts(B):
         ("A = 3 um^3, B = 2 from 5 mm to 5 mm", "shorter to a longer"),
         ("rms = 5 from 0.1 mm to 5 mm", "no unit"),
         ("A < 3", "is not a limit of a spectrum"),
+        ("A = 3 um^3, B = 1.2.3 from 0.1 mm to 5 mm", "B = '1.2.3' in .* is not a number"),
+        ("A = 3 um^3, B = . from 0.1 mm to 5 mm", "is not a number"),
+        ("A = 3 um^3, B = 1,5 from 0.1 mm to 5 mm", "has a decimal comma; write a point"),
+        ("rms = 5 nm from 0.1 mm to 5", "^to '5' has no unit"),
         ("A = 0 um^3, B = 2 from 0.1 mm to 5 mm", "limit"),
     ],
 )

@@ -197,6 +197,10 @@ def test_arguments_are_found_in_any_spelling():
     z = two_processes()
     assert table["Rmr(0.2 um)"].value == np.mean(z >= 0.2 * UM)
     assert table["Rmr(0 %, 500 nm)"].value == np.mean(z >= z.max() - 0.5 * UM)
+    assert list(profile(z, names=["Rmr(0, 0.5 um)", "Rmr(5 %,1 um)"])) == [
+        "Rmr(0 %, 500 nm)",
+        "Rmr(5 %, 1 um)",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -204,6 +208,9 @@ def test_arguments_are_found_in_any_spelling():
     [
         ("Rmc(20 %)", r"the height at a ratio is Rcm"),
         ("Rmr(3)", r"3 needs a unit"),
+        ("Rmr(0,5 um)", r"comma; write Rmr\(0.5 um\), or Rmr\(0 %, 5 um\) for two arguments$"),
+        ("Rmr(1,25um)", r"write Rmr\(1.25um\), or Rmr\(100 %, 25um\) for"),
+        ("Rmc(5,1e-1 µm)", r"write Rmc\(5.1e-1 µm\)$"),
         ("Rmr(0.5)", r"a length needs its unit"),
         ("Rmr(120 %, 1 um)", r"between 0 % and 100 %"),
         ("Rmr(1 kg)", r"Rmr\(1 kg\)"),

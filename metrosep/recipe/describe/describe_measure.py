@@ -222,7 +222,7 @@ def _spectrum(found: Any) -> dict[str, Any]:
             curves.append(
                 curve("bands not accepted", 1e-3 * at, np.log10(mean / unit), points=True)
             )
-    words = f"{found.sentence}. Lines along {found.direction}; limit: {found.limit.text}."
+    words = f"{found.sentence}. Lines along {found.direction}."
     chart = curve_chart(
         "Power spectral density",
         ("frequency in 1/mm", "1"),
