@@ -59,9 +59,18 @@ class Once:
         self.separate_runs = separate_runs
 
     def __call__(self, *given: Any, **options: Any) -> Any:
+        from metrosep.separation.runs.options import metres
+
         try:
-            key = pickle.dumps((given, options))
-        except (TypeError, AttributeError, pickle.PicklingError):  # what a test made up
+            runs, method, *ends = given[:4]  # of which "45 mm" is 0.045
+            same = [metres(end, "length") for end in ends]
+            key = pickle.dumps((runs, method, same, given[4:], options))
+        except (
+            TypeError,
+            AttributeError,
+            ValueError,
+            pickle.PicklingError,
+        ):  # what a test made up
             return self.separate_runs(*given, **options)
         if key not in self.made:
             while len(self.made) >= self.kept:
