@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from types import MappingProxyType
 
 from metrosep.core.errors import DataError
 from metrosep.core.limits import FORM_OF_SYMBOL
+from metrosep.core.readable import nearest
 from metrosep.parameters.arguments import AREAL, PROFILE, Call, call_of, is_call
 
 __all__ = [
-    "called",
+    "beside_all",
     "current_symbol",
     "is_of_all",
     "same_parameter",
-    "symbols_of_all",
     "unit_of_symbol",
+    "wrong_call",
 ]
 
 
@@ -30,7 +31,7 @@ def unit_of_symbol(symbol: str) -> str | None:
     """
     if is_call(symbol):
         try:
-            return called(symbol).function.unit
+            return _call(symbol).function.unit
         except DataError:
             return None
     return "m" if symbol[:3] in FORM_OF_SYMBOL and len(symbol) > 3 else _units().get(symbol)
@@ -51,15 +52,34 @@ def is_of_all(symbol: str) -> bool:
     )
 
 
-def symbols_of_all() -> tuple[str, ...]:
-    """Return the symbols that ``names = "all"`` may ask for, of maps and profiles.
+def beside_all(symbol: str, known: Sequence[str]) -> tuple[str, str]:
+    """Return what is meant by a symbol that ``names = "all"`` does not give, or nothing; and why it does not.
 
     Examples
     --------
-    >>> [s in symbols_of_all() for s in ("Sku", "Rzx", "FLTt")]
-    [True, True, False]
+    >>> beside_all("Saq", ()), beside_all("FLTt", ())[1]
+    (('Sq', 'there are all parameters'), '"all" has no parameters with arguments and no deviations of form: name it')
     """
-    return tuple(s for s in _units() if is_of_all(s))
+    if unit_of_symbol(symbol) is not None:
+        return "", '"all" has no parameters with arguments and no deviations of form: name it'
+    offered = [*known, *(s for s in _units() if is_of_all(s))]
+    return nearest(symbol, offered, 0.4), f"there are {', '.join([*known, 'all parameters'])}"
+
+
+def wrong_call(names: Iterable[str]) -> str | None:
+    """Return what is wrong with the first of some names whose arguments cannot be read.
+
+    Examples
+    --------
+    >>> wrong_call(["Sq", "Smr(120 %, 1 um)"])
+    'Smr(120 %, 1 um): a material ratio lies between 0 % and 100 %, got 120 %'
+    """
+    for name in filter(is_call, names):
+        try:
+            _call(name)
+        except DataError as exc:
+            return str(exc)
+    return None
 
 
 def current_symbol(name: str) -> str:
@@ -93,7 +113,7 @@ def same_parameter(one: str, other: str) -> bool:
     return any(_plain(one, kind) == _plain(other, kind) for kind in "PWR")
 
 
-def called(name: str) -> Call:
+def _call(name: str) -> Call:
     """Return what a name with arguments means, of a map or of any kind of profile."""
     if name.lstrip().startswith(("S", "V")):
         return call_of(name, AREAL)
@@ -105,7 +125,7 @@ def called(name: str) -> Call:
 
 def _one_spelling(name: str) -> str:
     try:
-        return called(name).name if is_call(name) else name
+        return _call(name).name if is_call(name) else name
     except DataError:
         return name
 

@@ -287,13 +287,10 @@ def _check_parameters(options: Mapping[str, Any]) -> None:
     names = options.get("names")
     if names is not None and (not names or not all(n.strip() for n in names)):
         raise StepError('names lists symbols such as ["Sa", "PV"], or "all"', "names")
-    for name in (n for n in names or () if "(" in n):
-        from metrosep.parameters.symbol_units import called
+    from metrosep.parameters.symbol_units import wrong_call
 
-        try:
-            called(name)
-        except DataError as exc:
-            raise StepError(str(exc), "names") from None
+    if (said := wrong_call(names or ())) is not None:
+        raise StepError(said, "names")
     if options.get("sections", 1) < 1:
         raise StepError("sections is a whole number from 1", "sections")
 
@@ -412,19 +409,15 @@ def makes_metric(
     if n >= (int(number) if number.isdecimal() else 1):
         return None
     known = sorted({*more, *(name for s in carried_out for name in _named(s))})
-    are, kept_out = ", ".join(known) or "none", False
-    if any(s["op"] == "parameters" and "all" in s.get("names", ()) for s in carried_out):
-        from metrosep.parameters.symbol_units import symbols_of_all, unit_of_symbol
-
-        kept_out = unit_of_symbol(symbol) is not None
-        known, are = [*known, *symbols_of_all()], ", ".join([*known, "all parameters"])
-    near = "" if kept_out else nearest(symbol, known, 0.4)
     if n:
         return f'metric = "{metric}": {symbol} is made {n} time{"s" if n > 1 else ""} only', None
-    hint = f'; did you mean "{near}"?' if near else f"; there are {are}"
-    if kept_out:
-        hint = '; "all" has no parameters with arguments and no deviations of form: name it'
-    return f'metric = "{metric}" is made by no step{hint}', near or None
+    near, hint = nearest(symbol, known, 0.4), f"there are {', '.join(known) or 'none'}"
+    if any(s["op"] == "parameters" and "all" in s.get("names", ()) for s in carried_out):
+        from metrosep.parameters.symbol_units import beside_all
+
+        near, hint = beside_all(symbol, known)
+    hint = f'did you mean "{near}"?' if near else hint
+    return f'metric = "{metric}" is made by no step; {hint}', near or None
 
 
 def _makes(step: Mapping[str, Any], symbol: str) -> bool:
