@@ -717,14 +717,15 @@ class _Curves:
         return np.asarray(found + self.before)
 
     def all_choices(self) -> dict[tuple[int, _Chosen], float]:
-        """Return how likely each choice is, of one group or none."""
+        """Return how likely each choice is, of one group, or of none that shows."""
         found: dict[tuple[int, _Chosen], float] = {}
         for k in range(len(self.cases)):
-            if self.groups:
+            if len(self.groups) == 1:
                 listed = self.of_group(k, 0, self._whole(k, [0])).tolist()
                 found |= {(k, (i,)): value for i, value in enumerate(listed)}
             else:
-                found[k, ()] = self.value(k, ())
+                none = (0,) * len(self.groups)
+                found[k, none] = self.value(k, none)
         return dict(zip(found, _chances([*found.values()]).tolist(), strict=True))
 
     def drawn(self) -> dict[tuple[int, _Chosen], float]:
@@ -736,10 +737,12 @@ class _Curves:
         rng = np.random.default_rng(_SEED)
         n, k = len(self.groups), 0
         chosen = [0] * n
+        drawn = np.flatnonzero(self.tops.any(axis=(0, 2)))  # of the others nothing shows any order
+        drawn = drawn if drawn.size > 1 else np.arange(n)
         likely, seen = np.arange(len(self.cases)), np.zeros(len(self.cases))
         found: dict[tuple[int, _Chosen], float] = {}
         for sweep in range(-_SETTLING, _DRAWS):
-            order = rng.permutation(n).tolist()
+            order = rng.permutation(drawn).tolist()
             self._draw(k, order, self._whole(k, order), chosen, rng)
             if sweep % _TOGETHER:
                 w = _chances([self.value(i, tuple(chosen)) for i in likely.tolist()])
@@ -810,7 +813,8 @@ class _Curves:
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Return mean and covariance of what the coefficients (reduced) are off by, then of the further orders."""
-        weights = self.all_choices() if len(self.groups) < 2 else self.drawn()
+        several = len(self.groups) > 1 and self.tops.any()
+        weights = self.drawn() if several else self.all_choices()
         shown = self.shown
         best = max((c for c in weights if shown[c[0]]), key=lambda c: weights[c])
         weights = {c: max(w, 1e-300) for c, w in weights.items() if w > _LEAST_WEIGHT or c == best}

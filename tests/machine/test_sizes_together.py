@@ -117,3 +117,18 @@ def test_drawn_sizes_give_the_mean_and_u_of_all_sizes(stated, monkeypatch):
     assert both @ cov @ both == pytest.approx(
         both @ spread @ both, abs=0.15 * (both @ spread @ both)
     )
+
+
+def test_orders_that_nothing_shows_take_no_draws_and_no_u():
+    """Their columns are those of the coefficients, so the drifts alone are weighed: exactly."""
+    Z, H, y, covariances = readings(4)
+    found, _ = curves(Z, np.tile(Z, 3)[:, : 2 * EACH], y, covariances, False)
+    mean, cov = found.moments()
+    of = [dense(Z, H, y, V, np.zeros((1, 2 * EACH)), False) for V in covariances]
+    values, means, spreads = (np.concatenate(v) for v in zip(*of, strict=True))
+    w = np.exp(-0.5 * (values - values.min()))
+    w /= w.sum()
+    want = np.tensordot(w, spreads, 1) + (w * (means - w @ means).T) @ (means - w @ means)
+    rounding = 1e-9
+    assert cov == pytest.approx(want, abs=rounding)
+    assert mean[FITTED:] == pytest.approx(np.zeros(2 * EACH), abs=rounding)
