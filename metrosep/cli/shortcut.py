@@ -282,7 +282,7 @@ def option_error(
         made = tables[number]
         said = option_error(error)
         if error.key in (*made["own"], "controller", "path", "machine"):
-            said = re.sub(r"^--[\w-]+: |^--(?=[\w-]+ )", "", said)
+            said = re.sub(r"^--[\w-]+ ", f"{error.key} ", re.sub(r"^--[\w-]+: ", "", said))
         said = re.sub(
             r": write machine = .*",
             "; add NAME=VALUE behind the file, or --machine NAME=VALUE",
