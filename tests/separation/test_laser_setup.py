@@ -623,7 +623,7 @@ def test_the_verb_prints_each_correction_of_a_reading(capsys):
         ),
         (
             [*ROOM, "--reading", "1 m", "--software", "vacuum", "--dead-path", "1 m"],
-            "reset_temperature",
+            "--reset-temperature",
         ),
         ([*ROOM, "--reading", "900 m", "--software", "vacuum"], "divide mm by 1000"),
     ],
