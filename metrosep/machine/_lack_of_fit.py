@@ -412,11 +412,12 @@ def beyond_orders(
         begin += places[name].size
         bases[name] = _joined(bases[name], basis)
         at[name] = np.append(at[name], P + places[name])
-    groups = [[further[n] for n in names] for names in _alike(problem, further)]
-    mine = [np.concatenate([places[n] for n in names]) for names in _alike(problem, further)]
+    alike = _alike(problem, further)
+    sizes = [_sizes([further[n] for n in names]) for names in alike]
+    groups = [np.concatenate([places[n] for n in names]) for names in alike]
     T = np.zeros((P + H.shape[1], to_all.shape[1] + H.shape[1]))
     T[:P, : to_all.shape[1]], T[P:, to_all.shape[1] :] = to_all, np.eye(H.shape[1])
-    one, part = _Curves(cases, [_sizes(bases) for bases in groups], mine).moments()
+    one, part = _Curves(cases, sizes, groups).moments()
     mean, cov = T @ one, T @ part @ T.T
     pairs = zip(used.rows, system.rows, strict=True)
     return Beyond(bases, at, mean, cov, H[np.concatenate([np.isin(a, b) for a, b in pairs])])

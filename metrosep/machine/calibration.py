@@ -188,13 +188,16 @@ class Calibration:
         bases, cov = self.beyond or (self.bases, self.covariance)
         J = columns_of(self.chain, bases, q, tool)
         square = np.einsum("...ij,jk,...ik->...i", J, cov, J)
-        curves = {n: c for n, c in self.fitted.items() if isinstance(c, CurveTerm)}
-        if curves:
-            past = [np.asarray(c.past(q[axis_of_term(self.chain, n)])) for n, c in curves.items()]
-            arms = self.chain.jacobian(q, tool=tool, terms=[*curves])
-            square = square + np.sum(
-                (arms * np.stack(np.broadcast_arrays(*past), axis=-1)[..., None, :]) ** 2, axis=-1
-            )
+        past = {
+            n: c.past(q[axis_of_term(self.chain, n)])
+            for n, c in self.fitted.items()
+            if isinstance(c, CurveTerm)
+        }
+        past = {n: away for n, away in past.items() if away.any()}
+        if past:
+            arms = self.chain.jacobian(q, tool=tool, terms=[*past])
+            of_terms = np.stack(np.broadcast_arrays(*past.values()), axis=-1)
+            square = square + np.sum((arms * of_terms[..., None, :]) ** 2, axis=-1)
         u = np.sqrt(np.maximum(square, 0.0))
         if self.blind.shape[1]:
             J = columns_of(self.chain, self.bases, q, tool)
