@@ -10,9 +10,10 @@ Holes are left out of the window where the spectrum falls no faster than 1/f: ex
 no height drawn over a hole can be. Elsewhere their sharp edges would spread the long waves over all
 others. Small ones are then closed by the harmonic function (Laplace's equation, the measured pixels
 around as boundary), which takes power from short waves and puts some there; how much is seen where known
-pixels are closed: what is taken is given back, what is put there is bounded. Large ones, which would lose long waves as well, are left out of the window of the
-slopes, whose spectrum falls less. Of a spectrum that falls only beyond the longest waves the frequencies
-are closed at which the edges would leak more than a small share.
+pixels are closed: what is taken is given back, what is put there is bounded. Large ones, which would lose
+long waves as well, are left out of the window of the slopes, whose spectrum falls less. Of a spectrum that
+falls only beyond the longest waves the frequencies are closed at which the edges would leak more than a
+small share.
 """
 
 from __future__ import annotations
@@ -245,13 +246,14 @@ def masked_psd(
     taken: Literal["heights", "slopes"] = "heights"
     known = outline
     leaks: NDArray[np.bool_] = np.full(power.shape, falls)
-    closed = z
+    closed, of_closed = z, power
     by_edges: _Spread | None = None
     if estimate == "slopes" or (estimate == "auto" and detrend != "mean" and falls):
         taken = "slopes"
         closed = _closed(z, outline, measured, steps)
         known = measured | _small(outline & ~measured)
         power, w = _of_slopes(closed, outline, known, steps, is_map=is_map)
+        of_closed = power
         leaks[:] = True
     elif n_filled:
         closed = _closed(z, outline, measured, steps)
@@ -280,6 +282,7 @@ def masked_psd(
     history = (*obj.history, Step("masked_psd", facts))
     raw = _spectrum(power, w * measured, steps, history, is_map=is_map)["one_sided"]
     filled = outline & known & ~measured
+    shares = _shares(square, filled)
     wrong = np.zeros(power.shape)
     kept = np.ones(power.shape)
     if filled.any() and leaks.any():
@@ -293,10 +296,11 @@ def masked_psd(
         for error, scale in errors[:_SHIFTS]:
             wrong = np.maximum(wrong, scale * density(error, outline))
         twice = [(density(closed + e, known), s) for e, s in errors if s <= _MOST_SCALED]
-        axes = [np.abs(np.fft.fftfreq(n, d)) for n, d in zip(power.shape, steps, strict=True)]
-        sides = [_left(f, square, filled, steps, k) for k, f in enumerate(axes)]
-        least = np.maximum(sides[0][:, None], sides[1]) if is_map else sides[1][None, :]
-        kept = np.where(leaks, np.maximum(_kept(density(closed, known), twice), least), 1.0)
+        f_y, f_x = _axes(power.shape, steps)
+        least = _left(f_x, shares, steps, 1, is_map=is_map)[None, :]
+        if is_map:
+            least = np.maximum(_left(f_y, shares, steps, 0, is_map=True)[:, None], least)
+        kept = np.where(leaks, np.maximum(_kept(of_closed, twice), least), 1.0)
         wrong = np.where(leaks, wrong if errors else power, 0.0) / kept
     found = _spectrum(power / kept, w * measured, steps, history, is_map=is_map)
     if taken == "slopes" and not known[outline].all():
@@ -309,7 +313,7 @@ def masked_psd(
     of_open = 1.0 - float(square[~known & outline].sum() / square.sum())
     left = []
     for axis, one, before in zip((1, 0) if is_map else (1,), found["one_sided"], raw, strict=True):
-        least = of_open * _left(one.frequency, square, filled, steps, axis)
+        least = of_open * _left(one.frequency, shares, steps, axis, is_map=is_map)
         bound = _mixed(np.minimum(1.0 - lost, least), 1.0 - lost, power, leaks, axis)
         more = one.density / np.where(
             before.density > 0.0, before.density, one.density + (one.density == 0.0)
@@ -494,15 +498,13 @@ def _falls(power: FloatArray, shape: tuple[int, ...], steps: tuple[float, float]
     By the means over the lower and the upper half, in octaves, of the frequencies up to `_LOW` (of
     a line `_LOW_LINE`) times the lowest.
     """
-    from scipy import fft
-
     sides = [(n, s) for n, s in zip(shape, steps, strict=True) if n > 1]
     lowest = _PERIODS / min(n * s for n, s in sides)
     low = _LOW if len(sides) > 1 else _LOW_LINE
     highest = min(low * lowest, *(0.5 / s for _, s in sides))
     if highest < 2.0 * lowest:
         return False  # too few samples to see it
-    axes = [np.abs(fft.fftfreq(n, s)) for n, s in zip(power.shape, steps, strict=True)]
+    axes = _axes(power.shape, steps)
     near = [np.flatnonzero(f < highest) for f in axes]
     f = np.hypot(axes[0][near[0]][:, None], axes[1][near[1]])
     power = power[np.ix_(*near)]
@@ -595,6 +597,13 @@ def _spread(power: FloatArray, rest: FloatArray, q: float) -> _Spread:
     return _Spread(q, every, spread, moved, more)
 
 
+def _axes(shape: tuple[int, ...], steps: tuple[float, float]) -> list[FloatArray]:
+    """Return the frequencies of a density along y and x, without sign."""
+    from scipy import fft
+
+    return [np.abs(fft.fftfreq(n, s)) for n, s in zip(shape, steps, strict=True)]
+
+
 def _both_sides(half: FloatArray, n: int) -> FloatArray:
     """Return a density at all n frequencies along the last axis from those that a real transform gives."""
     after = half[:, 1 : (n + 1) // 2][:, ::-1]
@@ -657,34 +666,38 @@ def _kept(power: FloatArray, twice: list[tuple[FloatArray, float]]) -> FloatArra
     return np.asarray(np.exp(np.minimum(np.median(near, axis=0), 0.0)))
 
 
+def _shares(square: FloatArray, closed: NDArray[np.bool_]) -> list[FloatArray]:
+    """Return what closed holes of 0, 1, 2, ... samples along y, and along x, have of the window's square."""
+    from scipy import ndimage
+
+    number, n_holes = ndimage.label(closed, structure=np.ones((3, 3), dtype=bool))
+    weight = ndimage.sum_labels(square, number, np.arange(1, n_holes + 1)) / square.sum()
+    parts = ndimage.find_objects(number)
+    sizes = np.array([[s.stop - s.start for s in p] for p in parts], dtype=np.intp).reshape(-1, 2)
+    return [np.asarray(np.bincount(own, weight), dtype=np.float64) for own in sizes.T]
+
+
 def _left(
     f: FloatArray,
-    square: FloatArray,
-    closed: NDArray[np.bool_],
+    shares: list[FloatArray],
     steps: tuple[float, float],
     axis: int,
+    *,
+    is_map: bool,
 ) -> FloatArray:
-    """Return the least share of the density along an axis that closed holes leave.
+    """Return the least share of the density along an axis that closed holes leave, by `_shares`.
 
     Of a wave with s of the window's square on holes, in which the harmonic function holds c of it,
     (1 - s (1 - c))^2 is left. In a single sample of a line c = cos(2 pi f dx), which is -1 where the
     waves are shortest; a hole of n samples has c >= cos(pi f (n + 1) dx), and >= -1 / n. On a map c is
     the mean over both directions by 1 / step^2, and the other one may hold -1.
     """
-    from scipy import ndimage
-
-    number, n_holes = ndimage.label(closed, structure=np.ones((3, 3), dtype=bool))
-    if n_holes == 0:
-        return np.ones(f.size)
-    weight = ndimage.sum_labels(square, number, np.arange(1, n_holes + 1)) / square.sum()
-    widths = [part[axis].stop - part[axis].start for part in ndimage.find_objects(number)]
-    shares = np.bincount(widths, weight)
-    sides = [float(n > 1) / s**2 for n, s in zip(square.shape, steps, strict=True)]
+    sides = [float(is_map) / steps[0] ** 2, 1.0 / steps[1] ** 2]
     along = sides[axis] / sum(sides)
     gone = np.zeros(f.size)
-    for n in np.flatnonzero(shares):
+    for n in np.flatnonzero(shares[axis]):
         c = along * np.cos(np.pi * np.minimum(1.0, f * (n + 1) * steps[axis])) - (1.0 - along)
-        gone += shares[n] * (1.0 - (np.maximum(c, -1.0 / n) if along == 1.0 else c))
+        gone += shares[axis][n] * (1.0 - (np.maximum(c, -1.0 / n) if along == 1.0 else c))
     return np.asarray(np.maximum(1.0 - gone, 0.0) ** 2)
 
 
