@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -141,8 +140,7 @@ def geometry(
     try:
         result = recipe.run(list(files), out=out, progress=progress(context), overwrite=force)
     except RecipeError as exc:
-        said = re.sub(r"^--op: |step \d+ \(\w+\): ", "", option_error(exc))
-        raise click.UsageError(said, ctx=context) from None
+        raise click.UsageError(option_error(exc), ctx=context) from None
     print_named(recipe, result, as_json=as_json, command=True)
     return verdict_code(result.verdict)
 

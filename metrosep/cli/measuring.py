@@ -355,7 +355,7 @@ def _as_typed(error: RecipeError, text: str) -> RecipeError:
     from metrosep.core.errors import RecipeError
 
     message = re.sub(r"\b(names|kind|edition|form) = ", r"--\1 ", option_error(error))
-    message = re.sub(r"step \d+ \(\w+\): ", "", message.replace("--names", "--params"))
+    message = message.replace("--names", "--params")
     message = re.sub(
         r'\b(\w+) = ("[^"]*") in \[input\]',
         lambda m: f"--{m[1].replace('_', '-')} {m[2]}",

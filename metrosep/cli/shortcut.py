@@ -289,8 +289,8 @@ def option_error(
             said,
         )
         return f"{made['label']}: {said}"
-    message = re.sub(r"^command line(:\d+)?: (step \d+ \([\w-]+\): )?", "", str(error))
-    key = error.key or ""
+    message = re.sub(r"^(command line(:\d+)?: )?(step \d+ \([\w-]+\): )?", "", str(error))
+    key = "" if error.key == "op" else error.key or ""  # the command is its operation
     options = {"degree": "poly", "controller": "table", "path": "table", "machine": "machine"}
     option = "--" + options.get(key, key).replace("_", "-")
     if key in settings:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +82,7 @@ def psd(
     try:
         measured = measure_object(recipe, read_aloud(file, reading))
     except RecipeError as exc:
-        raise RecipeError(re.sub(r"^(--op: )?step \d+ \(\w+\): ", "", option_error(exc))) from None
+        raise RecipeError(option_error(exc)) from None
     found = measured.stages[-1].detail
     bands = measured.stages[-1].audit["bands"]
     if as_json:

@@ -337,9 +337,10 @@ def _best(widths: FloatArray, share: FloatArray) -> int:
 # The tightest reference from outside minimises c[0] subject to ``A_i c >= z_i`` ("outer"), the one
 # from inside maximises c[0] subject to ``A_i c <= z_i`` ("inner"). Only a few points matter, so a
 # small program over a working set is solved (HiGHS), the points it violates most are added, and so
-# on until none is violated; from one vertex to the next it is a pivot or two of the dual simplex. The solution is then found again from its supporting points by a linear
-# system, to rounding. The multipliers of these points give a bound that nobody can beat: where the
-# bound equals what was achieved, the support is a proof of the optimum.
+# on until none is violated; from one vertex to the next it is a pivot or two of the dual simplex. The
+# solution is then found again from its supporting points by a linear system, to rounding. The
+# multipliers of these points give a bound that nobody can beat: where the bound equals what was
+# achieved, the support is a proof of the optimum.
 
 Mode = Literal["zone", "outer", "inner"]
 
@@ -398,9 +399,8 @@ def optimum(
     """Return the narrowest zone or the tightest one-sided reference over all points."""
     working = np.unique(np.asarray(seed, dtype=np.intp))
     shift = np.zeros_like(start)
-    held: tuple[IntArray, IntArray] | None = (
-        None  # owners and sides of the rows that hold the last one
-    )
+    # owners and sides of the rows that hold the last one
+    held: tuple[IntArray, IntArray] | None = None
     for _ in range(_ZONE_MAX_EXCHANGES):
         matrix, heights = rows(working)
         residual = (heights - matrix @ start) / scale
