@@ -530,6 +530,9 @@ class Unobservable:
         Which ones.
     reason : str
         Why, in plain words, and what would make them observable.
+    as_it_lies : bool, optional
+        Whether the part holds whatever of it the set-up happened to have, such as the line along which
+        an artefact was put down; its extremes are then taken without it. Else it is defined, or NaN.
 
     Examples
     --------
@@ -541,6 +544,7 @@ class Unobservable:
     kind: Kind
     indices: tuple[int | float | str, ...]
     reason: str
+    as_it_lies: bool = field(default=False, repr=False)
 
     def __str__(self) -> str:
         shown = ", ".join(_named(i, self.kind) for i in self.indices[:12])
@@ -549,8 +553,9 @@ class Unobservable:
         return f"{self.part}: {plural} {shown}{more} not observable: {self.reason}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON: ``part``, ``kind``, ``indices``, ``reason``."""
-        return {**asdict(self), "indices": list(self.indices)}
+        """Return plain values for JSON: ``part``, ``kind``, ``indices``, ``reason``, ``as_it_lies`` where it is."""
+        found = {**asdict(self), "indices": list(self.indices)}
+        return found if self.as_it_lies else {k: found[k] for k in found if k != "as_it_lies"}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Unobservable:
@@ -561,11 +566,8 @@ class Unobservable:
         data : mapping
             Its keys.
         """
-        return cls(data["part"], data["kind"], tuple(data["indices"]), data["reason"])
-
-
-_AS_IT_LIES = ("two_point", "three_point", "multi_probe_straightness")
-"""Methods whose straightness goes on along the line that was taken off the artefact."""
+        lies = bool(data.get("as_it_lies", False))
+        return cls(data["part"], data["kind"], tuple(data["indices"]), data["reason"], lies)
 
 
 def about_what_is_seen(
@@ -576,12 +578,10 @@ def about_what_is_seen(
     With R what takes the polynomial off, the covariance is ``R C R^T``.
     """
     values, u = found.parts[name], found.u[name]
-    if found.method not in _AS_IT_LIES or name != "straightness":
-        return values, u, None
-    unseen = (i.indices for i in found.null_space if i.part == name and i.kind == "polynomial")
-    degree = max(int(k) for indices in unseen for k in indices)
+    unseen = [i.indices for i in found.null_space if i.part == name and i.as_it_lies]
+    degree = max((int(k) for indices in unseen for k in indices), default=-1)
     known = np.isfinite(values)
-    if known.sum() <= degree + 1:
+    if degree < 0 or known.sum() <= degree + 1:
         return values, u, None
     x = next(v for v in found.coordinates.values() if v.shape == values.shape)[known]
     t = (2.0 * x - x[0] - x[-1]) / (x[-1] - x[0])

@@ -492,8 +492,13 @@ def null_space_of(row: Row, degree: int, *, pitch_part: bool) -> tuple[Unobserva
     """Return what whole readings of these probes do not determine."""
     reason = LINE if degree < 2 else f"{LINE}; {PARABOLA}"
     items = [
-        Unobservable(p, "polynomial", tuple(range(degree + 1)), reason)
-        for p in ("artefact", "straightness")
+        Unobservable(
+            p, "polynomial", tuple(range(degree + 1)), reason, as_it_lies=p == "straightness"
+        )
+        for p in (
+            "artefact",
+            "straightness",
+        )  # the line that was taken off the one is in the other
     ]
     if row.pitch:
         items.append(Unobservable("pitch", "polynomial", tuple(range(degree)), reason))
