@@ -626,7 +626,10 @@ def _refuse_without_active(
 
 def _file_of(path: Path, told: Mapping[str, Any]) -> str:
     """Return the file that was active, beside the table that took its place, where it is still there."""
-    for file in (path.with_name(told["name"] + end) for end in ("", ".1", ".2", ".3")):
+    from metrosep.controllers.base import kept_files
+
+    named = path.with_name(told["name"])
+    for file in (named, *kept_files(named)):
         if file.is_file() and sha256(file.read_bytes()).hexdigest() == told["sha256"]:
             return str(file)
     return str(told["name"])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import filecmp
+import glob
 import hashlib
 import json
 import os
@@ -475,6 +476,12 @@ def keep_old(target: Path) -> list[Path]:
             ) from None
         kept.append(new)
     return kept
+
+
+def kept_files(target: Path) -> list[Path]:
+    """Return the files that `keep_old` kept of a file, the first one first."""
+    found = target.parent.glob(f"{glob.escape(target.name)}.*")
+    return sorted((p for p in found if p.suffix[1:].isdecimal()), key=lambda p: int(p.suffix[1:]))
 
 
 @contextlib.contextmanager

@@ -12,6 +12,7 @@ import pytest
 
 from metrosep import Profile, Run, RunSet, controllers
 from metrosep.compensation import CompensationTable
+from metrosep.controllers.base import keep_old, kept_files
 from metrosep.errors import (
     CorruptFileError,
     DataError,
@@ -363,3 +364,15 @@ def test_table_that_was_read_is_written_to_the_same_bytes(tmp_path, table, contr
     controllers.write(again, tmp_path / "b.tab", controller, allow_unverified=True)
 
     assert (tmp_path / "a.tab").read_bytes() == (tmp_path / "b.tab").read_bytes()
+
+
+def test_files_that_were_kept_are_found_again_in_their_order(tmp_path):
+    file = tmp_path / "x [1].comp"
+    for k in range(11):
+        file.unlink(missing_ok=True)  # what is kept is a link, and no table is written in place
+        file.write_text(f"{k}\n")
+        keep_old(file)
+    (tmp_path / "x [1].comp.1.json").write_text("{}")
+    (tmp_path / "x 1.comp.1").write_text("of another table")
+
+    assert [f.read_text() for f in kept_files(file)] == [f"{k}\n" for k in range(11)]
