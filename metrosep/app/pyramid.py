@@ -21,8 +21,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.surface import Surface
 
-__all__ = ["MapPyramid", "PyramidLevel", "build_pyramid"]
-
 Number = TypeVar("Number", np.float64, np.int32)
 
 _LEAST_COVERAGE = 0.5

@@ -26,29 +26,6 @@ from metrosep.recipe.result import document_text
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = [
-    "FAILED",
-    "RESULT",
-    "Found",
-    "Identity",
-    "LeftOut",
-    "Unit",
-    "files_read",
-    "find_units",
-    "former_title",
-    "is_utf8",
-    "one_file_each",
-    "one_line_name",
-    "read_mark",
-    "record_source",
-    "require_own_source",
-    "safe_name",
-    "sentences",
-    "short_version",
-    "title_notes",
-    "unit_record",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Unit:

@@ -30,9 +30,6 @@ if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
     from metrosep.recipe.result import Result
 
-__all__ = ["demo", "print_named", "progress", "recipe_words", "run", "separate"]
-
-
 _AT_ONCE = 0.5
 """Seconds in which nobody wants to know what a command is at."""
 

@@ -11,8 +11,6 @@ from metrosep.controllers.base import Dialect, DialectInfo
 from metrosep.core.errors import DataError
 from metrosep.core.readable import did_you_mean
 
-__all__ = ["describe", "find", "names"]
-
 _DIALECT = re.compile(
     r"^class (\w+)\([\w, ]+\):(?:(?!^class ).)*?info = \w+\(\s*(?:\w+\.info,\s*)?id=\"([\w-]+)\"",
     re.MULTILINE | re.DOTALL,

@@ -33,8 +33,6 @@ from metrosep.io.runs import columns_of
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.table import Table, read_table
 
-__all__ = ["CircleLog", "read_circle_log"]
-
 _WORDS: Mapping[str, tuple[str, ...]] = {
     "angle": ("angle", "winkel", "phi", "theta"),
     "ccw": ("ccw", "acw", "anticlockwise", "counterclockwise"),

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from metrosep.core.profile import Profile
     from metrosep.core.surface import Surface
 
-__all__ = ["Finding", "height_findings"]
-
 Level = Literal["error", "warning", "note"]
 
 LARGE_HEIGHT = 0.1

@@ -38,8 +38,6 @@ from metrosep.machine.instruments import (
     Nest,
 )
 
-__all__ = ["read_reading_set"]
-
 _KINDS: Mapping[str, Callable[..., Instrument]] = {
     "displacement": Displacement,
     "angle": Angle,

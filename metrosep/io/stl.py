@@ -19,9 +19,6 @@ from metrosep.core.atomic import require_plain
 from metrosep.core.errors import CorruptFileError, FileMissingError, ReadError
 from metrosep.core.units import parse_unit
 
-__all__ = ["parse_stl", "read_stl"]
-
-
 _HEADER = 80
 _FACET = np.dtype(
     [("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attributes", "<u2")], align=False

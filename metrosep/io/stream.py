@@ -30,8 +30,6 @@ from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.logger import with_units
 from metrosep.io.text.table import AS_THEY_FOLLOW, refuse_row_gap
 
-__all__ = ["ChunkSource", "Stream", "open_stream"]
-
 CHUNK = 2**18
 """Samples of each channel in a chunk unless the caller says otherwise: 2 MB per channel."""
 

@@ -25,8 +25,6 @@ from metrosep.io.text.table import read_table
 from metrosep.machine.elements import axis_of
 from metrosep.machine.terms import ConstantTerm, ErrorTerm, TableTerm, closes, is_angle
 
-__all__ = ["read_term_table", "table_texts", "term_texts"]
-
 _ROUNDING = 1e-9
 """Of a turn, by which a table over 360 deg may miss it."""
 

@@ -17,8 +17,6 @@ from metrosep.plot.style import COLOURS, house_style, length_scale, new_figure, 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["lag_words", "left_out_plot", "run_rows", "short_names", "was_predicted"]
-
 _MARK = "▸ "
 """Before the finding of a run, so that it is not told by colour alone."""
 

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     from metrosep.core.surface import Surface
 
-__all__ = ["draw_object"]
-
 _SIDE = 512
 """Pixels of a map along its longer side."""
 

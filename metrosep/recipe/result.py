@@ -33,21 +33,6 @@ if TYPE_CHECKING:
     from metrosep.separation.runs.base import ErrorEstimate
 
 
-__all__ = [
-    "POSITIONING",
-    "SCHEMA",
-    "Result",
-    "clean",
-    "document_text",
-    "is_positioning",
-    "load_document",
-    "measured_runs",
-    "plot_data",
-    "run_records",
-    "stored_estimate",
-    "versions",
-]
-
 SCHEMA = "metrosep.result/1"
 POSITIONING = "iso230_2"
 """The method whose cycles are the errors of an axis along itself."""

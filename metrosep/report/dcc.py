@@ -32,8 +32,6 @@ from metrosep.report.certificate import (
 from metrosep.report.schemas import element, require_valid, xml_bytes
 from metrosep.report.text import CharacteristicRow, characteristic_rows, one_line
 
-__all__ = ["dsi_unit", "missing_for_dcc", "render_dcc", "write_dcc"]
-
 Document = Mapping[str, Any]
 
 VERSION = "3.2.1"

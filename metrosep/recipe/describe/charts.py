@@ -16,19 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.readable import value_text
 
-__all__ = [
-    "bar_chart",
-    "curve",
-    "curve_chart",
-    "decimated",
-    "display_limits",
-    "harmonic_chart",
-    "map_chart",
-    "panel",
-    "plain",
-    "thin",
-]
-
 _MOST_SAMPLES = 2000
 _MOST_PIXELS = 80_000
 _LARGEST_SIDE = 256
