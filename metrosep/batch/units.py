@@ -72,18 +72,7 @@ class Found:
     apart: tuple[LeftOut, ...] = ()
 
     def names(self, what: str) -> tuple[str, ...]:
-        """Return what was omitted for a reason.
-
-        Parameters
-        ----------
-        what : str
-            Of `LeftOut`.
-
-        Returns
-        -------
-        tuple of str
-            Names below the input folder.
-        """
+        """Return what was omitted for a reason."""
         return next((a.names for a in self.apart if a.what == what), ())
 
     @property
@@ -605,13 +594,7 @@ class LeftOut:
     names: tuple[str, ...]
 
     def record(self) -> dict[str, Any]:
-        """Return what the index says of them.
-
-        Returns
-        -------
-        dict
-            ``what``, ``why``, ``count``, ``names``; names in UTF-8.
-        """
+        """Return what the index says of them."""
         names = [utf8_name(n) for n in self.names]
         return {"what": self.what, "why": self.why, "count": len(names), "names": names}
 

@@ -445,23 +445,7 @@ _EXTREMES = {"pv": "P-V", "rms": "RMS"}
 
 
 def example_folder(name: str) -> Path:
-    """Return the folder of a shipped example.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-
-    Returns
-    -------
-    Path
-        Folder with ``recipe.toml`` and its input.
-
-    Raises
-    ------
-    ReadError
-        If the installation does not hold it.
-    """
+    """Return the folder of a shipped example."""
     package = Path(__file__).resolve().parents[1]
     for folder in (package.parent / "examples" / name, package / "_examples" / name):
         if (folder / "recipe.toml").is_file():

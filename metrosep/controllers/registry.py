@@ -68,23 +68,7 @@ def describe() -> tuple[DialectInfo, ...]:
 
 @functools.cache
 def find(controller: str) -> Dialect:
-    """Return a dialect.
-
-    Parameters
-    ----------
-    controller : str
-        Its name.
-
-    Returns
-    -------
-    Dialect
-        Without state.
-
-    Raises
-    ------
-    DataError
-        If there is none of that name.
-    """
+    """Return a dialect."""
     if controller not in _places():
         raise DataError(
             f"unknown controller {controller!r}; there are {', '.join(map(repr, _places()))}."

@@ -174,27 +174,7 @@ def clean(value: Any) -> Any:
 
 
 def load_document(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return the content of a result.json.
-
-    Parameters
-    ----------
-    path : str or path
-        The file, or the folder that holds ``result.json``.
-
-    Returns
-    -------
-    dict
-        The document.
-
-    Raises
-    ------
-    FileMissingError
-        If there is no such file.
-    ReadError
-        If it cannot be read.
-    CorruptFileError
-        If it is not a result of this schema.
-    """
+    """Return the content of a result.json."""
     target = Path(path)
     if target.is_dir():
         target = target / "result.json"

@@ -44,18 +44,7 @@ class Place:
     number: int = 0
 
     def line_of(self, key: str | None) -> int | None:
-        """Return the line of a key of this table, or of its header, from 1.
-
-        Parameters
-        ----------
-        key : str or None
-            The key; the header if None or not found.
-
-        Returns
-        -------
-        int or None
-            Line number.
-        """
+        """Return the line of a key of this table, or of its header, from 1."""
         lines = blanked_texts(self.text).splitlines()
         first, header = self._first_line(lines)
         if first is None:

@@ -323,39 +323,7 @@ def bar_chart(
     log: bool = False,
     caption: str = "",
 ) -> dict[str, Any]:
-    """Return a chart of bars, one group for each label.
-
-    Parameters
-    ----------
-    title : str
-        Of the figure.
-    labels : sequence of str
-        Below the bars.
-    series : mapping of str to array_like, shape (n_labels,)
-        Values by name, SI; NaN draws nothing.
-    unit : str
-        SI unit; ``"1"`` for shares.
-    quantity : str
-        What the bars show.
-    u : mapping of str to array_like, optional
-        Standard uncertainty of each series.
-    stacked : bool, optional
-        One series on the other; else beside one another.
-    log : bool, optional
-        Whether the scale is logarithmic.
-    caption : str, optional
-        What it shows.
-
-    Returns
-    -------
-    dict
-        Of kind ``bars``.
-
-    Raises
-    ------
-    ValueError
-        If a series is not as long as the labels.
-    """
+    """Return a chart of bars, one group for each label."""
     for name, values in {**series, **(u or {})}.items():
         if len(list(plain(values))) != len(labels):
             raise ValueError(f"{name} has not one value for each of the {len(labels)} labels")
