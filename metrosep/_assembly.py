@@ -10,8 +10,6 @@ from typing import Any
 
 from metrosep.core.attached import attached
 
-__all__: list[str] = []
-
 
 def _explore(obj: Any, /, **options: Any) -> Any:
     from metrosep.app.notebook import explore

@@ -12,19 +12,6 @@ from metrosep.core.errors import DataError, MetrosepError, ReadError, UnknownFor
 from metrosep.core.runset import RunSet
 from metrosep.core.text_options import ROW_ORDERS
 
-__all__ = [
-    "ONE_FEED",
-    "Ask",
-    "answered",
-    "are_runs",
-    "ask_channel",
-    "ask_columns",
-    "ask_rows",
-    "ask_text",
-    "fewest_feeds",
-    "holds_columns",
-]
-
 ONE_FEED = (
     "the runs do not tell two feedrates apart: the session begins with the mean of the runs, which only "
     "averages vibration; give a column of feed or of time, or runs at another feedrate, and choose joint"

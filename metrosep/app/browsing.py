@@ -28,8 +28,6 @@ from metrosep.core.profile import Profile
 from metrosep.core.readable import said_value
 from metrosep.core.surface import Surface
 
-__all__ = ["latest", "listing", "remember", "thumbnail"]
-
 _PAGE, _MOST = 200, 2000
 """Rows that are sent at once; of a folder at most."""
 _RECENT = 20

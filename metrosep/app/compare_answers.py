@@ -35,8 +35,6 @@ from metrosep.recipe.result import Result, load_document
 if TYPE_CHECKING:
     from metrosep.app.pyramid import MapPyramid
 
-__all__ = ["compare"]
-
 _MOST = 6
 """Pinned results: each may hold a map of hundreds of megabytes."""
 _LONGEST = 60

@@ -31,23 +31,6 @@ from metrosep.core.units import with_px
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.written.extends import Admits
 
-__all__ = [
-    "Edit",
-    "Places",
-    "RecipeDocument",
-    "Remembered",
-    "Stamp",
-    "refuse_changed",
-    "refuse_open",
-    "refuse_other_result",
-    "stamps_of",
-    "start_runs_text",
-    "start_text",
-    "start_traces_text",
-    "text_key",
-    "with_digests",
-]
-
 _DEEPEST = 200
 """Edits that can be undone."""
 

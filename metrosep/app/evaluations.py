@@ -21,8 +21,6 @@ from metrosep.core.regions import counts_pixels
 from metrosep.core.surface import Surface
 from metrosep.recipe.pipeline import CancelledError, Stage, run_steps
 
-__all__ = ["LEVELS", "Evaluations", "Level", "Outcome"]
-
 Level = Literal["drag", "idle", "full"]
 LEVELS: Mapping[str, int] = {"drag": 512, "idle": 1024}
 """Largest side of a preview in pixels."""

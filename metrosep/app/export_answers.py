@@ -27,8 +27,6 @@ from metrosep.recipe.pipeline import CancelledError
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.result import Result
 
-__all__ = ["export", "full_result", "made_of", "result_of"]
-
 
 def export(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
     """Answer a request ``export``."""

@@ -22,15 +22,6 @@ from metrosep.core.units import format_length
 if TYPE_CHECKING:
     from metrosep.parameters.material_ratio import AbbottCurve
 
-__all__ = [
-    "Distribution",
-    "aperture_of",
-    "distribution",
-    "extremes_near",
-    "heights_view",
-    "waves_view",
-]
-
 _CURVE = 513
 """Heights at which the material ratio is drawn."""
 _SIDE, _SHOWN = 1024, 512

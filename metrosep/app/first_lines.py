@@ -10,8 +10,6 @@ from typing import Any
 from metrosep.core.errors import MetrosepError
 from metrosep.core.text_options import TEXT_OPTIONS
 
-__all__ = ["ask_for", "first_lines", "text_options"]
-
 _SHOWN, _AROUND, _LONGEST = 8, 2, 160
 """Lines from the first on; lines on each side of one that is refused; characters of each."""
 

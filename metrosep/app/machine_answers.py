@@ -13,8 +13,6 @@ from metrosep.core.errors import DataError
 from metrosep.recipe.describe.describe_tests import curves_of
 from metrosep.separation import Separation
 
-__all__ = ["machine"]
-
 
 def machine(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
     """Answer a request ``machine``."""

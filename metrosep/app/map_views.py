@@ -31,19 +31,6 @@ if TYPE_CHECKING:
     from metrosep.app.spectrum_views import SpectrumView
     from metrosep.app.view_tables import ProfileView, SectionView
 
-__all__ = [
-    "MapView",
-    "Vibration",
-    "find_vibrations",
-    "lateral_unit",
-    "map_frame",
-    "map_view",
-    "profile_arrays",
-    "relief_view",
-    "section_frame",
-    "spectrum_frame",
-]
-
 Detail = Literal["drag", "idle", "full"]
 
 _LONGEST_SIDE = {"drag": 512, "idle": 1024, "full": 4096}

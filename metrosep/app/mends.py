@@ -16,8 +16,6 @@ from metrosep.core.numbers import positive
 from metrosep.core.units import format_length
 from metrosep.io.source import declared_steps
 
-__all__ = ["mends_of_edit", "mends_of_refusal", "mends_of_step", "mends_of_table", "scale"]
-
 _MOST = 3
 """Buttons under one message."""
 

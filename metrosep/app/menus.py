@@ -12,8 +12,6 @@ from metrosep.forms.base import Form
 from metrosep.forms.catalogue import form_from_text, form_names
 from metrosep.recipe.pipeline_checks import FILTER_KEYS
 
-__all__ = ["described_menus"]
-
 _SENTENCES: Mapping[str, tuple[str, str]] = {
     "plane": ("plane", "A flat: height and tilts. What measuring leaves of the set-up."),
     "sphere": (

@@ -26,8 +26,6 @@ from metrosep.recipe.pipeline import CancelledError, Stage, usual_names
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.result import Result
 
-__all__ = ["metrics"]
-
 
 def metrics(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
     """Answer a request ``metrics``."""

@@ -36,8 +36,6 @@ from metrosep.core.sections import section_profile
 from metrosep.core.surface import Surface
 from metrosep.spectral.dft import Band
 
-__all__ = ["explore", "widget_module", "widget_style"]
-
 _SCOPE = ".metrosep-explore"
 _COLOURS = ("viridis", "cividis")
 _HEIGHTS = 240, 2000

@@ -60,19 +60,6 @@ from metrosep.recipe.schema import reading_options
 from metrosep.recipe.steps import INPUT
 from metrosep.recipe.written.extends import Admits
 
-__all__ = [
-    "Kind",
-    "Material",
-    "Opened",
-    "autosave_path",
-    "open_files",
-    "open_with",
-    "read_again",
-    "session_text",
-    "state_folder",
-    "text_of_session",
-]
-
 Kind: TypeAlias = Literal["map", "profile", "runs", "method"]
 Material: TypeAlias = Evaluations | Separations | MethodResults
 Read: TypeAlias = Callable[..., Any]

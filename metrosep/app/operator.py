@@ -29,8 +29,6 @@ from metrosep.core.inside import reading_inside
 from metrosep.recipe.preflight import RESULT_NAME
 from metrosep.recipe.recipe import Recipe
 
-__all__ = ["SERIAL", "Operation", "make_operator_app"]
-
 SERIAL = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 """Serial numbers where no other pattern is given."""
 

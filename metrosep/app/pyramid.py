@@ -21,8 +21,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.surface import Surface
 
-__all__ = ["MapPyramid", "PyramidLevel", "build_pyramid"]
-
 Number = TypeVar("Number", np.float64, np.int32)
 
 _LEAST_COVERAGE = 0.5
@@ -65,30 +63,13 @@ class PyramidLevel:
     x: FloatArray
 
     def coverage(self) -> FloatArray:
-        """Return the valid share of each cell.
-
-        Returns
-        -------
-        ndarray, shape (n_y, n_x), dimensionless
-            0 to 1; of the pixels that exist, so a full cell at the rim of an odd map has 1.
-        """
+        """Return the valid share of each cell."""
         if self.count is None:
             return np.asarray((~np.isnan(self.z)).astype(np.float64))
         return np.asarray(self.count / np.multiply.outer(self.pixels_y, self.pixels_x))
 
     def shown(self, rows: ArrayLike | None = None, columns: ArrayLike | None = None) -> FloatArray:
-        """Return the means as a picture shows them.
-
-        Parameters
-        ----------
-        rows, columns : array_like of int, optional
-            Indices of cells, repeats allowed; all if omitted.
-
-        Returns
-        -------
-        ndarray, shape (n_rows, n_columns), m
-            A copy; NaN where less than half of a cell is valid.
-        """
+        """Return the means as a picture shows them."""
         i = np.arange(self.z.shape[0]) if rows is None else np.asarray(rows, dtype=np.intp)
         j = np.arange(self.z.shape[1]) if columns is None else np.asarray(columns, dtype=np.intp)
         z = self.z.take(i, axis=0).take(j, axis=1)
@@ -144,21 +125,6 @@ class MapPyramid:
     def level_for(self, scale: float) -> int:
         """Return the level whose cells come nearest in size to a screen pixel.
 
-        Parameters
-        ----------
-        scale : float, m
-            Size of a screen pixel, > 0.
-
-        Returns
-        -------
-        int
-            Index into `levels`; 0 where the screen shows more than the map has.
-
-        Raises
-        ------
-        DataError
-            If the scale is not positive and finite.
-
         Notes
         -----
         Nearest by ratio, of the smaller side of the cells (of an axis with more than one cell):
@@ -172,21 +138,6 @@ class MapPyramid:
 
 def build_pyramid(surface: Surface) -> MapPyramid:
     """Return the mean pyramid of a map.
-
-    Parameters
-    ----------
-    surface : Surface
-        Heights, NaN where not measured. It is kept as level 0, not copied.
-
-    Returns
-    -------
-    MapPyramid
-        Arrays are non-writeable. Beyond the map it takes half of its memory.
-
-    Raises
-    ------
-    DataError
-        If it is no `Surface`.
 
     Notes
     -----

@@ -41,8 +41,6 @@ from metrosep.separation.runs.base import ErrorEstimate, SampledCurve
 from metrosep.separation.runs.design import evaluation_range, line_over, mean_runs, travel_of
 from metrosep.separation.runs.spectra import feed_spectra_columns, n_wavelengths
 
-__all__ = ["curves", "waves"]
-
 _STATED = ("method", "start", "length", "shortest", "sigma_t", "p_t", "false_discovery_rate")
 
 

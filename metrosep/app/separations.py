@@ -28,15 +28,6 @@ from metrosep.recipe.result import Result
 from metrosep.recipe.run import read_inputs, separate_inputs, separated_result, table_basis
 from metrosep.separation.runs.base import ErrorEstimate
 
-__all__ = [
-    "MethodResults",
-    "Separations",
-    "described_controllers",
-    "machine_facts",
-    "sign_words",
-    "without_tables",
-]
-
 _MOST = 8
 """Separations that are remembered: undo and redo show them at once."""
 

@@ -71,8 +71,6 @@ from metrosep.core.sections import is_calibrated, section_profile
 from metrosep.core.surface import Surface
 from metrosep.recipe.pipeline import CancelledError, lost_pixels
 
-__all__ = ["STATIC", "Guard", "make_app", "new_cookie", "new_token", "safe_headers"]
-
 STATIC = Path(__file__).parent / "static"
 _LARGEST_MESSAGE = 4_000_000
 _POLICY = (

@@ -24,8 +24,6 @@ from metrosep.core.inside import carried
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.step_help import step_words
 
-__all__ = ["Session", "is_extreme", "mark_of"]
-
 _EXTREMES = ("PV", "PVr", "PVq", "Sz", "Sp", "Sv", "S10z", "Sxp")
 """Parameters of single points, besides all of a profile that end in t, z, p or v: they need all data."""
 

@@ -30,16 +30,6 @@ from metrosep.spectral.window import hann_weights, noise_bandwidth
 if TYPE_CHECKING:
     from metrosep.parameters.psd_limits import PsdVerdict
 
-__all__ = [
-    "ProfileSpectrum",
-    "SpectrumView",
-    "density_frame",
-    "estimate_view",
-    "profile_spectrum",
-    "spectrum_view",
-]
-
-
 _ON_LIMIT = 1e-9
 """Relative distance within which a wavelength lies on a limit of the band, and so inside."""
 

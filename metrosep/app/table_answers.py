@@ -23,7 +23,7 @@ from metrosep.compensation.measured import Folds
 from metrosep.compensation.sampling import USUAL_ENTRIES, rounded_spacing
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialTable, trial_table
-from metrosep.compensation.verify import Verification
+from metrosep.compensation.verification import Verification
 from metrosep.controllers.base import columns_in, load_bytes, load_sidecar, own_part, sidecar_path
 from metrosep.controllers.files import dry_run_bytes, read, simulate, write
 from metrosep.controllers.options import split_machine
@@ -48,8 +48,6 @@ from metrosep.recipe.preflight import output_name
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.table_words import in_table_words
 from metrosep.separation.runs.base import ErrorEstimate
-
-__all__ = ["controllers", "table"]
 
 
 def controllers(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:

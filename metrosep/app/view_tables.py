@@ -19,23 +19,6 @@ from metrosep.core.runset import Run, RunSet
 from metrosep.core.sections import Reading, height_at, is_calibrated, read_line
 from metrosep.core.surface import Surface
 
-__all__ = [
-    "VIEW_KEYS",
-    "Extremes",
-    "ProfileView",
-    "SectionView",
-    "checked_columns",
-    "checked_view",
-    "checked_window",
-    "find_holes",
-    "profile_view",
-    "repeat_views",
-    "section_view",
-    "shown_view",
-    "view_of",
-    "with_view",
-]
-
 VIEW_KEYS = (
     "tab",
     "colours",

@@ -24,25 +24,6 @@ from metrosep.core.errors import DataError
 from metrosep.core.numbers import is_real
 from metrosep.core.readable import said_value
 
-__all__ = [
-    "Answer",
-    "Arrays",
-    "Cancel",
-    "Message",
-    "Tell",
-    "error_header",
-    "field_words",
-    "level_of",
-    "number_of",
-    "number_or_none",
-    "pack",
-    "page_words",
-    "plain",
-    "point_of",
-    "text_of",
-    "unpack",
-]
-
 _DTYPES = {name: np.dtype("<" + name) for name in ("u1", "i4", "f4", "f8")}
 _ALIGNMENT = 8
 _MOST_HEADER = 64 * 1024 * 1024

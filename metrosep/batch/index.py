@@ -33,19 +33,6 @@ if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
 
-__all__ = [
-    "SCHEMA",
-    "STATUSES",
-    "BatchReport",
-    "build_index",
-    "exit_code",
-    "format_error",
-    "index_formats",
-    "reason_of",
-    "row_of",
-    "write_index",
-]
-
 SCHEMA = "metrosep.index/1"
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 

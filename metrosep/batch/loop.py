@@ -28,8 +28,6 @@ from metrosep.batch.work import Task, WorkerDiedError, do_unit, record_failure
 from metrosep.core.errors import DataError
 from metrosep.core.inside import inside_of, keep_inside
 
-__all__ = ["Stop", "WorkerDiedError", "executor", "parse_scheduler", "work_through"]
-
 _LOOK_SECONDS = 0.2
 
 

@@ -44,8 +44,6 @@ from metrosep.recipe.preflight import guard_notes
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.schema import INDEX_FORMATS
 
-__all__ = ["run_batch"]
-
 PathLike = str | os.PathLike[str]
 Tell = Callable[[dict[str, Any]], None]
 _AHEAD = 2

@@ -26,29 +26,6 @@ from metrosep.recipe.result import document_text
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = [
-    "FAILED",
-    "RESULT",
-    "Found",
-    "Identity",
-    "LeftOut",
-    "Unit",
-    "files_read",
-    "find_units",
-    "former_title",
-    "is_utf8",
-    "one_file_each",
-    "one_line_name",
-    "read_mark",
-    "record_source",
-    "require_own_source",
-    "safe_name",
-    "sentences",
-    "short_version",
-    "title_notes",
-    "unit_record",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Unit:
@@ -95,18 +72,7 @@ class Found:
     apart: tuple[LeftOut, ...] = ()
 
     def names(self, what: str) -> tuple[str, ...]:
-        """Return what was omitted for a reason.
-
-        Parameters
-        ----------
-        what : str
-            Of `LeftOut`.
-
-        Returns
-        -------
-        tuple of str
-            Names below the input folder.
-        """
+        """Return what was omitted for a reason."""
         return next((a.names for a in self.apart if a.what == what), ())
 
     @property
@@ -628,13 +594,7 @@ class LeftOut:
     names: tuple[str, ...]
 
     def record(self) -> dict[str, Any]:
-        """Return what the index says of them.
-
-        Returns
-        -------
-        dict
-            ``what``, ``why``, ``count``, ``names``; names in UTF-8.
-        """
+        """Return what the index says of them."""
         names = [utf8_name(n) for n in self.names]
         return {"what": self.what, "why": self.why, "count": len(names), "names": names}
 

@@ -42,17 +42,6 @@ from metrosep.recipe.describe.charts import decimated, display_limits
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = [
-    "DISK_FULL",
-    "Task",
-    "WorkerDiedError",
-    "do_unit",
-    "earlier_row",
-    "input_hash",
-    "record_failure",
-    "thumbnail",
-]
-
 DISK_FULL = "disk full"
 """Status of a row that stops the whole batch."""
 

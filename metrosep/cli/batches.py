@@ -17,8 +17,6 @@ from metrosep.cli.options import json_option, override_option, report_option, sa
 if TYPE_CHECKING:
     from metrosep.batch.index import BatchReport
 
-__all__ = ["batch"]
-
 Tell = Callable[[dict[str, Any]], None]
 _OF_UNITS = (1, 3, 6)
 """Exit codes that say what became of the units; a bug or an interruption stays one."""

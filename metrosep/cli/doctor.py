@@ -11,8 +11,6 @@ import click
 
 from metrosep.cli.options import json_option
 
-__all__ = ["completion", "doctor"]
-
 
 @click.command()
 @json_option

@@ -9,8 +9,6 @@ from typing import Any
 
 import click
 
-__all__ = ["terms_of"]
-
 
 def terms_of(
     files: Sequence[str], kinds: Mapping[str, str]

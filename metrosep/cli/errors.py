@@ -18,15 +18,6 @@ from metrosep.core import exit_codes
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import format_length
 
-__all__ = [
-    "as_options",
-    "exit_code_of",
-    "flags_of",
-    "is_standard_output",
-    "report_error",
-    "verdict_code",
-]
-
 _INTERRUPTED = 130
 
 _STDOUT_ERRORS = (errno.ENOSPC, errno.EIO, errno.EBADF, errno.EINVAL)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["EXAMPLES"]
-
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "info": ("metrosep info part.x3p", "metrosep info runs.csv --json"),
     "check": ("metrosep check runs.csv", "metrosep check recipe.toml --explain"),

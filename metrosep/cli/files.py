@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
     from metrosep.recipe.schema import Field, Place
 
-__all__ = ["check", "convert", "formats", "info"]
-
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
@@ -381,9 +379,8 @@ def _of_item(
 ) -> Iterator[Exception]:
     from metrosep.core.errors import DataError
     from metrosep.core.readable import did_you_mean
-    from metrosep.recipe.pipeline import checked_step
+    from metrosep.recipe.pipeline import MEASURING, checked_step
     from metrosep.recipe.schema import checked_table
-    from metrosep.recipe.steps import MEASURING
 
     kind = item.get(selector, "") if selector else ""
     if not isinstance(kind, str) or kind not in kinds:

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from metrosep.core.options import Option
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["GEOMETRY", "geometry"]
-
 GEOMETRY: Mapping[str, tuple[str, ...]] = {
     "step_height": ("d", "h"),
     "surface_profile": ("t",),
@@ -169,8 +167,9 @@ def _recipe_text(
 ) -> str:
     """Return the recipe of a call as TOML."""
     from metrosep.core.methods import METHODS
+    from metrosep.recipe.pipeline import MEASURING
     from metrosep.recipe.schema import input_fields
-    from metrosep.recipe.steps import MEASURING, MEASURING_INPUT
+    from metrosep.recipe.steps import MEASURING_INPUT
 
     of_points = what in METHODS
     fields: Mapping[str, Option] = METHODS[what].fields if of_points else MEASURING[what].fields

@@ -30,9 +30,6 @@ if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
     from metrosep.recipe.result import Result
 
-__all__ = ["demo", "print_named", "progress", "recipe_words", "run", "separate"]
-
-
 _AT_ONCE = 0.5
 """Seconds in which nobody wants to know what a command is at."""
 
@@ -448,23 +445,7 @@ _EXTREMES = {"pv": "P-V", "rms": "RMS"}
 
 
 def example_folder(name: str) -> Path:
-    """Return the folder of a shipped example.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-
-    Returns
-    -------
-    Path
-        Folder with ``recipe.toml`` and its input.
-
-    Raises
-    ------
-    ReadError
-        If the installation does not hold it.
-    """
+    """Return the folder of a shipped example."""
     package = Path(__file__).resolve().parents[1]
     for folder in (package.parent / "examples" / name, package / "_examples" / name):
         if (folder / "recipe.toml").is_file():

@@ -14,8 +14,6 @@ import click
 
 from metrosep.cli.options import say
 
-__all__ = ["listen"]
-
 
 @click.command()
 @click.argument("source")

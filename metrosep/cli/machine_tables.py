@@ -29,11 +29,9 @@ from metrosep.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from metrosep.compensation.from_machine import MachineVolume
+    from metrosep.compensation.volumes import MachineVolume
     from metrosep.controllers.base import Prepared
     from metrosep.machine.chains import Chain
-
-__all__ = ["machine_tables", "point_of", "volume"]
 
 _MOST_BYTES = 2**26
 _PICOMETRE = 1e-12

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from metrosep.machine import Chain, CircleTest
     from metrosep.recipe.result import Result
 
-__all__ = ["calibrate", "circle", "read", "thermal"]
-
 _MOST_BYTES = 2**26
 _OWN_FILES = ("result.json", "calibration.json", "thermal.json", "constants.toml")
 """Of an earlier call: a folder that holds one is not written into without --force."""

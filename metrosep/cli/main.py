@@ -13,8 +13,6 @@ import click
 
 from metrosep._version import __version__
 
-__all__ = ["cli", "main"]
-
 _GROUPS = {
     "Measure": {
         "info": "files", "check": "files", "convert": "files", "measure": "measuring", "form": "measuring",

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from metrosep.core.errors import RecipeError
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["form", "limit_text", "measure", "verify_softgauge"]
-
 _CALL = "command line"
 _PLAIN = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:SI)?\s*")
 _USUAL = {"line": "lsq", "reference": "MZ"}
@@ -563,7 +561,8 @@ def form(
         if value is not None:
             raise click.UsageError(f"--{name} goes with --identify MACHINE")
     from metrosep.io.write import write
-    from metrosep.recipe.pipeline import StepError, run_step
+    from metrosep.recipe.pipeline import run_step
+    from metrosep.recipe.pipeline_checks import StepError
 
     step = {
         "form": form_text,

@@ -17,8 +17,6 @@ from metrosep.separation.positions.laser_options import AIR_KEYS
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["air", "identified", "predict", "rank"]
-
 
 @click.command()
 @click.argument("machine")

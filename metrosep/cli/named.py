@@ -16,8 +16,6 @@ from metrosep.core.text_options import TEXT_OPTIONS
 if TYPE_CHECKING:
     from metrosep.core.methods import Method
 
-__all__ = ["COLUMN_OPTIONS", "named_recipe", "require_columns"]
-
 _OF_INPUT = (
     "readings", "x", "angle", "repeat", "scale", *TEXT_OPTIONS, "unit", "channel", "lateral_step",
 )  # fmt: skip

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from metrosep.core.methods import Method
     from metrosep.recipe.schema import Field
 
-__all__ = ["data_words", "ops"]
-
 _WIDTH = 100
 
 
@@ -31,7 +29,8 @@ _WIDTH = 100
 def ops(name: str | None, as_json: bool) -> int:
     """List the steps of recipes, with the readings and the keys of each; or explain NAME."""
     from metrosep.core.methods import METHODS
-    from metrosep.recipe.steps import MEASURING, STEPS, WHAT
+    from metrosep.recipe.pipeline import MEASURING
+    from metrosep.recipe.steps import STEPS, WHAT
 
     rows: list[dict[str, Any]] = [
         {
@@ -81,8 +80,8 @@ def _indented(text: str) -> str:
 def _explain(row: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
     """Print one step: how its data are given, a line for each key, a command to copy."""
     from metrosep.core.methods import METHODS
+    from metrosep.recipe.pipeline import MEASURING
     from metrosep.recipe.step_help import key_words, kind_words
-    from metrosep.recipe.steps import MEASURING
 
     click.echo(textwrap.fill(f"{row['op']}: {row['what']}", _WIDTH, subsequent_indent="    "))
     click.echo(_indented(f"reads {_read_by(row)}"))
@@ -121,7 +120,7 @@ def _explain(row: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
 
 def _inner_keys(op: str, key: str) -> Mapping[str, Any]:
     """Return the keys of a table in a step that measures; none of any other."""
-    from metrosep.recipe.steps import MEASURING
+    from metrosep.recipe.pipeline import MEASURING
 
     known = MEASURING[op].all_keys if op in MEASURING else {}
     return known[key].inner if key in known else {}

@@ -16,37 +16,6 @@ from metrosep.core.text_options import TEXT_OPTIONS
 if TYPE_CHECKING:
     from metrosep.machine import Chain
 
-__all__ = [
-    "USUAL_SPACING",
-    "USUAL_TURN",
-    "chain_of",
-    "columns_of",
-    "expansion_options",
-    "file_options",
-    "force_option",
-    "json_option",
-    "lacking_facts",
-    "machine_options",
-    "missing_options",
-    "name_values",
-    "named_options",
-    "note_facts",
-    "option_words",
-    "optional_read_options",
-    "override_option",
-    "phase",
-    "preset_words",
-    "read_aloud",
-    "report_option",
-    "require_place",
-    "say",
-    "say_next",
-    "table_options",
-    "tool_option",
-    "typed_line",
-    "with_expansion",
-]
-
 USUAL_SPACING = "1 mm"
 USUAL_TURN = "1 deg"
 """Between the entries of a table over runs or a map; over an axis that turns."""

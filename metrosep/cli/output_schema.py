@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["OUTPUTS", "schema_of"]
-
 Schema = dict[str, Any]
 
 _ANY: Schema = {}

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from metrosep.controllers.gcode.lists import PointResult
     from metrosep.controllers.gcode.paths import PathResult
 
-__all__ = ["path"]
-
 
 @click.command()
 @click.argument("program", metavar="IN.nc")

@@ -10,8 +10,6 @@ import click
 
 from metrosep.cli.options import json_option, say
 
-__all__ = ["plan"]
-
 _DIMENSIONS = {
     "v_min": "speed",
     "v_max": "speed",

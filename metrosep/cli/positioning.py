@@ -13,16 +13,6 @@ import click
 if TYPE_CHECKING:
     from metrosep.core.runset import RunSet
 
-__all__ = [
-    "cycles_document",
-    "is_list",
-    "list_options",
-    "listed_cycles",
-    "listed_document",
-    "refuse_columns",
-    "refuse_list_options",
-]
-
 F = TypeVar("F", bound=Callable[..., Any])
 _ROLES = ("target", "direction", "readings", "cycle")
 _SENSES = ("reached-minus-target", "target-minus-reached")

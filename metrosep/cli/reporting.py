@@ -17,8 +17,6 @@ from metrosep.core.readable import did_you_mean
 if TYPE_CHECKING:
     from metrosep.report.comparison import Comparison, Row
 
-__all__ = ["report"]
-
 _FORBIDDEN = '<>:"/\\|?*'
 """In file names of Windows."""
 

@@ -19,22 +19,6 @@ if TYPE_CHECKING:
     from metrosep.core.options import Option
     from metrosep.recipe.recipe import Recipe
 
-__all__ = [
-    "PARTS_AND_REPORT",
-    "RUN_INPUT",
-    "axis_of_columns",
-    "input_lines",
-    "list_of",
-    "listed",
-    "named_tables",
-    "of_table",
-    "option_error",
-    "own_recipe",
-    "quoted",
-    "recipe_text",
-    "typed",
-]
-
 RUN_INPUT = ("x", "z", "feed", "run", "direction", "time", "sampling_rate", "scale", *TEXT_OPTIONS)
 
 PARTS_AND_REPORT = (

@@ -11,8 +11,6 @@ import click
 from metrosep.cli.options import INPUT_KEYS, file_options, json_option, phase, read_aloud, say
 from metrosep.cli.shortcut import input_lines, option_error, quoted
 
-__all__ = ["psd"]
-
 
 @click.command()
 @click.argument("file")

@@ -46,15 +46,6 @@ if TYPE_CHECKING:
     from metrosep.core.runset import RunSet
     from metrosep.separation.runs.base import ErrorEstimate
 
-__all__ = [
-    "print_table",
-    "print_verification",
-    "read_runs_of",
-    "table",
-    "verify",
-    "write_arguments",
-]
-
 
 @click.command()
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE")

@@ -10,8 +10,6 @@ import click
 
 from metrosep.cli.options import say
 
-__all__ = ["ui"]
-
 _MISSING = (
     "the workbench needs starlette, uvicorn, websockets and tomlkit: pip install 'metrosep[ui]'"
 )

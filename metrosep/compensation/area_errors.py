@@ -21,26 +21,6 @@ from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_ends, format_length
 
-__all__ = [
-    "LENGTHS",
-    "AreaFunction",
-    "AreaSource",
-    "AxisUnits",
-    "ErrorMap",
-    "area_error",
-    "bilinear",
-    "column",
-    "ends_along",
-    "format_along",
-    "format_amount",
-    "format_position",
-    "format_range",
-    "format_span",
-    "is_rotary",
-    "numbers_of",
-    "rising",
-]
-
 AreaFunction = Callable[[FloatArray, FloatArray], FloatArray]
 
 

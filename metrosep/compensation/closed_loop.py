@@ -23,8 +23,6 @@ from metrosep.core.errors import DataError, SignCheckFailedError, TooFewSamplesE
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
 
-__all__ = ["LoopCut", "LoopHistory", "LoopPass", "LoopResult", "iterate_loop", "run_closed_loop"]
-
 Correction = Callable[..., FloatArray]
 Removed = Literal["offset", "line", "plane"]
 Measured = Mapping[int, FloatArray]

@@ -34,8 +34,6 @@ from metrosep.core.errors import DataError, TableError
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 
-__all__ = ["combine_tables"]
-
 Table = CompensationTable | CompensationMap
 Lookup = Callable[[FloatArray], FloatArray]
 

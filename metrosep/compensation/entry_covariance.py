@@ -21,8 +21,6 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 
-__all__ = ["Covariance", "EntryCovariance", "JoinedCovariance", "RestOfOld", "variance"]
-
 Covariance = Callable[[FloatArray], FloatArray]
 """Covariance in m^2, shape (n, n), of what a table adds at positions in m, shape (n,)."""
 

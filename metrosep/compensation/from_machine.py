@@ -41,8 +41,6 @@ from metrosep.machine.chains import Chain
 from metrosep.machine.elements import require_travel, term_unit
 from metrosep.machine.error_sets import ErrorSet, as_error_set
 
-__all__ = ["MachineTables", "MachineVolume", "tables_from_machine", "volume_from_machine"]
-
 Table = CompensationTable | CompensationMap
 
 _TOLERANCE = 1e-13

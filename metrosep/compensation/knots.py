@@ -27,8 +27,6 @@ from metrosep.core.errors import (
 )
 from metrosep.core.units import format_ends, format_length
 
-__all__ = ["Curve", "Knots", "choose_knots", "knots_for_tolerance", "optimal_values"]
-
 Curve = ArrayLike | Callable[[FloatArray], FloatArray]
 Values = Literal["free", "on curve"]
 _VALUES = ("free", "on curve")
@@ -646,6 +644,7 @@ def padded_on_curve(
 
 
 def best_values(x: FloatArray, c: FloatArray, knots: FloatArray, zero: float | None) -> FloatArray:
+    """Return the values at knots whose polyline deviates least from samples at most."""
     height = float(np.abs(c).max()) or 1.0
     start, length = float(x[0]), float(x[-1] - x[0])
     where = None if zero is None else (zero - start) / length
@@ -654,6 +653,7 @@ def best_values(x: FloatArray, c: FloatArray, knots: FloatArray, zero: float | N
 
 
 def residual(x: FloatArray, c: FloatArray, knots: FloatArray, values: FloatArray) -> float:
+    """Return the largest distance of samples, joined by lines, from the polyline of knots."""
     at = np.union1d(x, knots)
     return float(np.abs(np.interp(at, knots, values) - np.interp(at, x, c)).max())
 

@@ -21,9 +21,6 @@ from metrosep.core.provenance import Step
 from metrosep.core.public import same
 from metrosep.core.units import format_length
 
-__all__ = ["Finding", "Limits", "check_limits", "dead_zone", "require_findings"]
-
-
 _EDGE = 1e-6
 """Share of a limit of the dead zone: the controller keeps its entries as float32."""
 

@@ -18,8 +18,6 @@ from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 
-__all__ = ["AxisMachine", "FaceMachine", "LoopMachine", "Servo"]
-
 AxisFunction = Callable[[FloatArray, int], FloatArray]
 MapFunction = Callable[[FloatArray, FloatArray], FloatArray]
 Lookup = Callable[[FloatArray, int], FloatArray]

@@ -34,14 +34,13 @@ from metrosep.compensation.area_errors import (
     format_range,
 )
 from metrosep.compensation.limits import Finding
-from metrosep.compensation.measured import COVERED, source_hashes
+from metrosep.compensation.measured import source_hashes
 from metrosep.compensation.verification import judgement_dict, numbers_text
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-
-__all__ = ["MapKind", "MapRemoved", "MapVerification", "dry_run_map", "judged_map"]
+from metrosep.separation.runs.design import COVERED
 
 MapCorrection = Callable[[FloatArray, FloatArray], FloatArray]
 MapRemoved = Literal["offset", "plane"]

@@ -41,8 +41,6 @@ from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.public import PublicObject, shortened
 from metrosep.core.units import format_length
 
-__all__ = ["CompensationMap", "check_map_limits"]
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CompensationMap(Corrections, PublicObject):

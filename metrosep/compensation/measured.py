@@ -27,25 +27,6 @@ from metrosep.separation.runs.design import (
     travel_of,
 )
 
-__all__ = [
-    "COVERED",
-    "Against",
-    "Curve",
-    "Folds",
-    "Measured",
-    "Own",
-    "Row",
-    "at_reference",
-    "cooled",
-    "estimate_slope",
-    "fold_estimates",
-    "folds_of",
-    "made_of",
-    "measured_error",
-    "own_runs",
-    "used_runs",
-]
-
 Curve = Callable[[FloatArray], FloatArray]
 
 

@@ -43,8 +43,6 @@ from metrosep.process.straightness_runs import (
 )
 from metrosep.separation.runs.base import ErrorEstimate
 
-__all__ = ["PolynomialFit", "exact_correction", "fit_polynomial"]
-
 Quantity = Literal["error", "compensation"]
 Removed = Literal["offset", "line"]
 

@@ -25,8 +25,6 @@ from metrosep.core.errors import DataError, TableError
 from metrosep.core.provenance import Step
 from metrosep.core.units import format_length
 
-__all__ = ["ProductTables", "rank_one"]
-
 Form = Literal["product", "sum"]
 
 _ZERO = 1e-18

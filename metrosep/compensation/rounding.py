@@ -20,8 +20,6 @@ from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.units import format_length
 
-__all__ = ["Rounded", "round_entries", "round_increments"]
-
 IntArray = NDArray[np.int64]
 
 _COARSE = 10.0

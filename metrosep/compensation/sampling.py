@@ -38,23 +38,6 @@ from metrosep.separation.positions.expansion import Expansion
 from metrosep.separation.positions.pitch import PitchErrors
 from metrosep.separation.runs.base import ErrorEstimate
 
-__all__ = [
-    "USUAL_ENTRIES",
-    "Direction",
-    "ErrorFunction",
-    "ErrorSource",
-    "SampledArea",
-    "SampledError",
-    "beyond_entries",
-    "grid_positions",
-    "inverse_along",
-    "rounded_spacing",
-    "sample_area",
-    "sample_error",
-    "significant_lost_motion",
-    "spaced_with_zero",
-]
-
 ErrorFunction = Callable[[FloatArray], FloatArray]
 ErrorSource = ErrorEstimate | PitchErrors | Profile | ErrorFunction
 Direction = Literal["auto", "both", "split", "forward", "reverse"]

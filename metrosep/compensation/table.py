@@ -32,7 +32,7 @@ from metrosep.compensation.limits import (
     check_limits,
     coarse_finding,
 )
-from metrosep.compensation.measured import Folds, at_reference, source_hashes
+from metrosep.compensation.measured import Against, Folds, at_reference, source_hashes
 from metrosep.compensation.polynomial import exact_correction
 from metrosep.compensation.sampling import (
     Direction,
@@ -42,7 +42,8 @@ from metrosep.compensation.sampling import (
     sample_error,
     significant_lost_motion,
 )
-from metrosep.compensation.verify import Against, Removed, Unknown, Verification, judged_table
+from metrosep.compensation.verification import Unknown, Verification
+from metrosep.compensation.verify import Removed, judged_table
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.numbers import choice
@@ -57,8 +58,6 @@ from metrosep.separation.positions.pitch import (
     pitch_errors_of,
 )
 from metrosep.separation.runs.base import ErrorEstimate
-
-__all__ = ["CompensationTable"]
 
 _SAME_PLACE = 1e-9
 """Of the range of the targets: places so near to each other are one."""

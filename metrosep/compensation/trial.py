@@ -29,8 +29,6 @@ from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 
-__all__ = ["Third", "TrialMap", "TrialTable", "Verdict", "trial_map", "trial_table"]
-
 Third = Literal["auto", "first", "middle", "last"]
 Verdict = Literal["right", "wrong"]
 

@@ -16,8 +16,6 @@ from metrosep.core.errors import DataError, NotUniformError, TableError
 from metrosep.core.provenance import Step
 from metrosep.core.units import format_ends, format_length
 
-__all__ = ["Outside", "is_uniform", "resample_uniform", "resampling_error", "uniform_spacing"]
-
 Outside = Literal["refuse", "hold", "zero", "taper"]
 
 _SAME = 1e-9

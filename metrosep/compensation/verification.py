@@ -20,17 +20,6 @@ from metrosep.compensation.area_errors import LENGTHS, AxisUnits, format_span
 from metrosep.compensation.limits import Finding, Stated
 from metrosep.core.public import shortened
 
-__all__ = [
-    "DIRECTION_NAMES",
-    "DirectionResidual",
-    "LostMotion",
-    "Unknown",
-    "Verification",
-    "judge_lost_motion",
-    "judgement_dict",
-    "numbers_text",
-]
-
 Unknown = Literal["offset", "offsets", "line"]
 
 DIRECTION_NAMES = {1: "forward", -1: "reverse"}

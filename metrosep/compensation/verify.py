@@ -30,7 +30,6 @@ from metrosep.compensation._holes import OF_RUNS, spacing_of, without_holes
 from metrosep.compensation.area_errors import LENGTHS, AxisUnits, format_amount, is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import (
-    COVERED,
     Against,
     Folds,
     Measured,
@@ -51,19 +50,7 @@ from metrosep.core.errors import DataError, TableError
 from metrosep.core.numbers import choice, not_negative
 from metrosep.core.runset import RunSet
 from metrosep.separation.positions.expansion import Expansion
-
-__all__ = [
-    "REVERSED",
-    "Against",
-    "DirectionResidual",
-    "Removed",
-    "Unknown",
-    "Verification",
-    "diagnosis",
-    "dry_run",
-    "half_of",
-    "judged_table",
-]
+from metrosep.separation.runs.design import COVERED
 
 Correction = Callable[[FloatArray, int], FloatArray]
 Removed = Literal["offset", "line"]

@@ -41,8 +41,6 @@ from metrosep.machine._reading_problem import ReadingSet
 from metrosep.machine.chains import Chain
 from metrosep.machine.instruments import seen
 
-__all__ = ["MachineVolume", "volume_positions"]
-
 AXES = 3
 
 _PLACES = 2000

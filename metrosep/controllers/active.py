@@ -48,8 +48,6 @@ from metrosep.core.runset import RunSet
 from metrosep.separation.positions.expansion import Expansion
 from metrosep.separation.positions.pitch import REFERENCE_DIRECTIONS
 
-__all__ = ["Active", "Beside", "active_file", "columns_beside", "held_as", "in_columns"]
-
 _NEAR = 1e-9
 """Of a span: places so near to each other are one."""
 _NOTHING = 1e-13

@@ -62,8 +62,6 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 
-__all__ = ["Aerotech", "AerotechLine"]
-
 _SIGN = "direction in which the encoder of the {} counts, moving the axis in +: 1 or -1"
 
 _OPTIONS = (

@@ -39,22 +39,6 @@ from metrosep.core.errors import (
     WriteError,
 )
 
-__all__ = [
-    "Dialect",
-    "DialectInfo",
-    "Encoded",
-    "Prepared",
-    "Simulator",
-    "load_bytes",
-    "load_sidecar",
-    "paired_stream",
-    "refuse_existing",
-    "sidecar_path",
-    "stored_table",
-    "table_lookup",
-    "write_pair",
-]
-
 ALONE = "alone"
 """Check of a finding that holds only where a table is the only one in its file."""
 

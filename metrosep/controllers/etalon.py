@@ -39,9 +39,6 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 
-__all__ = ["Etalon"]
-
-
 _MM = 1e-3
 _DEGREE = float(np.pi) / 180.0
 _TURNING = "ABC"

@@ -76,8 +76,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
 
-__all__ = ["Fanuc", "FanucStraightness"]
-
 IntArray = NDArray[np.int64]
 
 _TITLE = "Fanuc pitch error compensation"
@@ -143,6 +141,7 @@ def opened_file(data: bytes, path: Path, *heads: Line) -> tuple[Text, dict[str, 
 
 
 def require_axis_number(path: Path, name: str, wanted: int | None, found: int) -> None:
+    """Refuse parameters of another axis than the one that was asked for."""
     if wanted not in (None, found):
         raise CorruptFileError(
             path, "the parameters are those of another axis", field=name, expected=wanted,

@@ -20,7 +20,8 @@ from metrosep.compensation.measured import Folds
 from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialMap, TrialTable
-from metrosep.compensation.verify import Unknown, judged_table
+from metrosep.compensation.verification import Unknown
+from metrosep.compensation.verify import judged_table
 from metrosep.controllers._grids import carry
 from metrosep.controllers.active import Active, active_file, columns_beside, in_columns
 from metrosep.controllers.base import (
@@ -56,8 +57,6 @@ from metrosep.core.errors import (
     TableError,
 )
 from metrosep.separation.positions.expansion import Expansion
-
-__all__ = ["dry_run_carried", "read", "simulate", "write"]
 
 PathLike = str | os.PathLike[str]
 

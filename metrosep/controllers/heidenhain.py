@@ -65,9 +65,6 @@ from metrosep.core.errors import (
     TableError,
 )
 
-__all__ = ["Heidenhain"]
-
-
 _TITLE = "HEIDENHAIN compensation value table (.COM)"
 _CAPACITY = 256
 _STEEPEST = 1.0 / 64.0

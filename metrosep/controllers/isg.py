@@ -69,8 +69,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, Example, LimitError, TableError
 from metrosep.core.units import format_length
 
-__all__ = ["IsgAxis", "IsgCross", "IsgPlane"]
-
 UNIT = 1e-7
 """Length of 1 in a list with unit 1, m."""
 _DECIMALS = 6

@@ -47,16 +47,6 @@ from metrosep.controllers.options import TURN, Option, pick, whole
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, Example, LimitError, TableError
 
-__all__ = [
-    "CHAIN_POINTS",
-    "MAX_CURVES",
-    "MAX_POINTS",
-    "POINTS_PER_CURVE",
-    "LinuxCNC",
-    "LinuxCNCLincurve",
-]
-
-
 MAX_POINTS = 256
 """Entries per joint (motion.h of LinuxCNC 2.9); the 257th is ignored with an error."""
 

@@ -35,8 +35,6 @@ from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 
-__all__ = ["LinuxCNCEoffset"]
-
 _MM = 1e-3
 _DECIMALS = 10
 """Decimals of a position in mm: 0.1 pm."""

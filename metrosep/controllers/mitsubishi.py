@@ -44,8 +44,6 @@ from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.controllers.options import Option, pick, unit_option, whole
 from metrosep.core.errors import CorruptFileError, Example, TableError
 
-__all__ = ["Mitsubishi"]
-
 _TITLE = "Mitsubishi machine error compensation"
 _FIRST, _LAST = 4101, 5124
 _LOW, _HIGH = -128, 127

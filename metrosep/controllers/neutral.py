@@ -40,8 +40,6 @@ from metrosep.controllers.base import (
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError
 
-__all__ = ["Neutral", "NeutralMap"]
-
 _PLACES = {"mm": 3, "rad": 0, "um": 6, "urad": 6}
 """Power of ten of a column over SI, by its unit."""
 _AXES = {

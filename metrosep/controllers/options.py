@@ -21,36 +21,6 @@ from metrosep.core.units import format_length, parse_quantity
 if TYPE_CHECKING:
     from metrosep.compensation.table import CompensationTable
 
-__all__ = [
-    "APART",
-    "ENTRY_SIGN",
-    "INCREMENT",
-    "INTERVAL",
-    "LIMIT_DIMENSIONS",
-    "LIMIT_NAMES",
-    "TURN",
-    "AlongOption",
-    "Option",
-    "along_axis",
-    "axes_of",
-    "checked_limits",
-    "checked_options",
-    "chosen",
-    "closed",
-    "flag",
-    "in_axes",
-    "is_angle",
-    "is_one_turn",
-    "missing_facts",
-    "pick",
-    "require_turn",
-    "require_whole_turn",
-    "split_machine",
-    "unit_along",
-    "unit_option",
-    "whole",
-]
-
 LIMIT_NAMES = tuple(f.name for f in fields(Limits))
 
 APART = {

@@ -53,8 +53,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, TableError
 from metrosep.core.units import format_ends, format_length
 
-__all__ = ["PLCStructuredText", "PLCTurboPMAC"]
-
 _PLACES = {"m": 0, "mm": 3, "um": 6, "nm": 9}
 """Decimal places from m."""
 

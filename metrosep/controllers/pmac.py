@@ -63,9 +63,6 @@ from metrosep.controllers.options import (
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, Example, LimitError, TableError
 
-__all__ = ["PMAC"]
-
-
 # ---- text of Turbo PMAC tables: statements, entries in 1/16 count, facts in comments, limits ----
 # Shared by the tables over one motor, over two, and of lost motion. What follows a DEFINE line is
 # taken for entries whatever it is, so that nothing but whole numbers may stand there.

@@ -74,9 +74,6 @@ from metrosep.controllers.pmac import (
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, SignCheckFailedError, TableError
 
-__all__ = ["PMACBacklash"]
-
-
 _DEFINE = define_line("#{owner}~DEFINE BLCOMP {entries},{span}")
 _FACTS = ("count", "motor_zero", "first", "last", "source_sign", "motor")
 """What a file says of its machine."""

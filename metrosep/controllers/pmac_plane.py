@@ -70,9 +70,6 @@ from metrosep.controllers.pmac import (
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TableError
 
-__all__ = ["PMACPlane"]
-
-
 _FINEST = 200
 """Intervals of an axis that are chosen without asking, where positions are not uniform."""
 

@@ -11,8 +11,6 @@ from metrosep.controllers.base import Dialect, DialectInfo
 from metrosep.core.errors import DataError
 from metrosep.core.readable import did_you_mean
 
-__all__ = ["describe", "find", "names"]
-
 _DIALECT = re.compile(
     r"^class (\w+)\([\w, ]+\):(?:(?!^class ).)*?info = \w+\(\s*(?:\w+\.info,\s*)?id=\"([\w-]+)\"",
     re.MULTILINE | re.DOTALL,
@@ -70,23 +68,7 @@ def describe() -> tuple[DialectInfo, ...]:
 
 @functools.cache
 def find(controller: str) -> Dialect:
-    """Return a dialect.
-
-    Parameters
-    ----------
-    controller : str
-        Its name.
-
-    Returns
-    -------
-    Dialect
-        Without state.
-
-    Raises
-    ------
-    DataError
-        If there is none of that name.
-    """
+    """Return a dialect."""
     if controller not in _places():
         raise DataError(
             f"unknown controller {controller!r}; there are {', '.join(map(repr, _places()))}."

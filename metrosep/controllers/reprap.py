@@ -45,9 +45,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, Example, LimitError, TableError
 from metrosep.core.units import format_length
 
-__all__ = ["MAX_COLUMNS", "MAX_LINE", "RepRap"]
-
-
 # ---- bed mesh of Klipper: a profile ``[bed_mesh NAME]`` for its configuration ------------------
 # A point is the height that Klipper adds to the commanded Z, so c = -e; rows are y from the lowest
 # on, x across. With ``algo = direct`` and no points between, the mesh is plain bilinear and clamps at

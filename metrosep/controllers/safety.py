@@ -22,17 +22,6 @@ from metrosep.core.errors import DataError, LimitError, TableError
 from metrosep.core.readable import did_you_mean
 from metrosep.core.units import format_length
 
-__all__ = [
-    "CHECKS",
-    "carried_findings",
-    "file_findings",
-    "judged",
-    "require_read_back",
-    "sidecar_warnings",
-    "table_findings",
-    "waived_names",
-]
-
 CHECKS = {
     "dry-run": "the error shrinks when the very bytes are applied to it",
     "inconclusive": "the readings show that the table helps",

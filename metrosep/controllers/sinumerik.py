@@ -84,8 +84,6 @@ from metrosep.core.errors import (
 )
 from metrosep.core.units import format_length
 
-__all__ = ["SinumerikCec", "SinumerikCecProduct"]
-
 _FACTOR_DECIMALS = 12
 _SAME = 1e-12
 """Below a picometre nothing is left of a map."""

@@ -55,9 +55,6 @@ from metrosep.controllers.options import (
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, TableError
 
-__all__ = ["TwinCAT"]
-
-
 _TITLE = "TwinCAT 3 Tc2_MC2 position compensation table"
 _CAPACITY = 100_000
 """No limit is documented; a table beyond this is a mistake of units."""

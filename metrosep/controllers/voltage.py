@@ -57,8 +57,6 @@ from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableE
 from metrosep.core.units import format_ends, format_length, parse_sensitivity
 from metrosep.process.flexure import FlexureCalibration
 
-__all__ = ["Voltage"]
-
 _DECIMALS = 9
 """Of a voltage: 1 nV, far below a step of 24 bits of 10 V."""
 _HEADERS = (

@@ -42,8 +42,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 from metrosep.core.units import format_length
 
-__all__ = ["NV200", "PLAYBACK_OPTIONS", "PiGcs", "Playback"]
-
 _TURN = 2.0 * math.pi
 _NODE = 1e-9
 """A point counts as reached this part of a step early: positions are not exact in binary."""

@@ -20,8 +20,6 @@ from metrosep.core.provenance import Step, hash_bytes
 if TYPE_CHECKING:
     from metrosep.core._arrays import FloatArray
 
-__all__ = ["HeightArithmetic", "require_same_grid"]
-
 _SAME = 0.01
 """Of a step: grids that differ by less are one grid."""
 

@@ -21,19 +21,6 @@ from typing import BinaryIO
 
 from metrosep.core.errors import WriteError
 
-__all__ = [
-    "MACHINE_BYTES",
-    "RECIPE_BYTES",
-    "atomic_stream",
-    "atomic_write",
-    "left_behind",
-    "own_name",
-    "read_plain",
-    "read_plain_text",
-    "require_plain",
-    "take_lock",
-]
-
 
 def atomic_write(path: str | os.PathLike[str], data: bytes) -> Path:
     """Write bytes to a file that appears whole or not at all.

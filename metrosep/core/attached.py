@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
-__all__ = ["Explore", "attached"]
-
 
 class Explore(Protocol):
     """Show an object in a notebook, and return the widget."""

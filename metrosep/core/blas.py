@@ -10,8 +10,6 @@ from contextvars import ContextVar
 from functools import cache
 from typing import Any
 
-__all__ = ["one_blas_thread", "one_thread", "threads"]
-
 _ALONE: ContextVar[bool] = ContextVar("metrosep_one_thread", default=False)
 
 

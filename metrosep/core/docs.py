@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 if TYPE_CHECKING:
     from metrosep.core.options import Option
 
-__all__ = ["describe_options", "described_by", "documented"]
-
 Documented = TypeVar("Documented")
 Function = TypeVar("Function")
 

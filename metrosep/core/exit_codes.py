@@ -10,8 +10,6 @@ from typing import TypeAlias
 
 from metrosep.core import errors
 
-__all__ = ["EXIT_CODES", "INTERNAL", "Codes", "exit_code_of"]
-
 Codes: TypeAlias = tuple[tuple[type[BaseException], int], ...]
 
 INTERNAL = 5

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.provenance import Step
 
-__all__ = ["NamedFiles", "Readings", "Results", "RoleColumns"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:

@@ -23,8 +23,6 @@ from pathlib import Path
 
 from metrosep.core.errors import ReadError
 
-__all__ = ["carried", "inside_of", "keep_inside", "opening", "reading_inside"]
-
 _EVENTS = frozenset({"open", "os.listdir", "os.scandir"})
 _ROOTS: ContextVar[tuple[str, ...]] = ContextVar("roots", default=())
 _OWN = tuple({os.path.realpath(p) for p in (sys.prefix, sys.base_prefix)} | {sys.prefix})

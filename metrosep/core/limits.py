@@ -9,18 +9,6 @@ from metrosep.core.errors import UnitError
 from metrosep.core.readable import digits_of, readable_unit
 from metrosep.core.units import PIXEL, parse_quantity, parse_unit
 
-__all__ = [
-    "COVERAGE",
-    "FROM_FIT",
-    "RULES",
-    "Limit",
-    "dimension_of",
-    "limit_example",
-    "limit_problem",
-    "order_problem",
-    "parse_limit",
-]
-
 STATUS_OF_VERDICT = {
     "accept": "accepted",
     "reject": "rejected",

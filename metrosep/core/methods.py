@@ -16,8 +16,6 @@ from metrosep.core.attached import attached
 from metrosep.core.docs import describe_options
 from metrosep.core.options import Option, options_of
 
-__all__ = ["METHODS", "Method", "Methods"]
-
 Reads = Literal["curves", "runs", "table", "tables", "maps", "results", "files", "nothing"]
 
 

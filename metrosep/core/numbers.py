@@ -19,11 +19,6 @@ import numpy as np
 from metrosep.core.errors import OptionError, OptionRangeError, UnitError
 from metrosep.core.units import parse_quantity
 
-__all__ = [
-    "LEAST", "between", "choice", "count", "flag", "is_real", "not_negative", "positive", "quantity", "real", "steps_of",
-    "unit_of", "without_rounding",
-]  # fmt: skip
-
 _UNITS = {
     "length": "m", "angle": "rad", "time": "s", "frequency": "Hz", "speed": "m/s", "voltage": "V",
     "acceleration": "m/s2", "torque": "N m", "number": "1", "temperature": "K", "temperature difference": "K",

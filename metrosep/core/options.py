@@ -19,8 +19,6 @@ from metrosep.core.numbers import steps_of
 from metrosep.core.readable import did_you_mean, said_value
 from metrosep.core.units import TYPICAL, Pixels, parse_lateral, parse_quantity, unit_dimension
 
-__all__ = ["KINDS", "Kind", "Option", "checked", "option", "options_of"]
-
 Written = Literal["text", "plain", "list", "plain list", "pairs", "plain pairs"]
 """How TOML writes what is typed: in quotes, as it stands, with brackets, with brackets in brackets."""
 

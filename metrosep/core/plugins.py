@@ -8,8 +8,6 @@ from collections.abc import Callable
 from importlib import metadata
 from typing import Any
 
-__all__ = ["entries"]
-
 
 def entries(group: str) -> dict[str, Any]:
     """Return the entry points of a group by name."""

@@ -26,8 +26,6 @@ from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.public import Guessed, PublicObject
 from metrosep.core.units import PIXEL, Pixels, format_ends, format_length
 
-__all__ = ["Profile"]
-
 _UNIFORM_RTOL = 1e-6
 """Largest deviation of a step from the mean step, relative, for a grid to count as uniform."""
 

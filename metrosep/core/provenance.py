@@ -15,8 +15,6 @@ from typing import Any
 
 from metrosep.core.units import with_px
 
-__all__ = ["Source", "Step", "freeze_mapping", "hash_bytes", "history_as_dicts"]
-
 
 def freeze_mapping(items: Mapping[str, Any] | None) -> Mapping[str, Any]:
     """Return a read-only copy of a mapping."""

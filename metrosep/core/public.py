@@ -17,8 +17,6 @@ import numpy as np
 
 from metrosep.core.attached import attached
 
-__all__ = ["Guessed", "PublicObject", "same", "shortened", "state_of"]
-
 _ABOUT = ("metadata", "history", "audit", "messages", "notes", "out", "files")
 """Fields that say where an object came from, or lies; `equals` leaves them out."""
 

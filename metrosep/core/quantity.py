@@ -19,8 +19,6 @@ from metrosep.core.units import (
     parse_unit,
 )
 
-__all__ = ["Quantity"]
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Quantity(PublicObject):

@@ -11,19 +11,6 @@ from collections.abc import Iterable, Sequence
 
 from metrosep.core.units import format_length, parse_unit
 
-__all__ = [
-    "did_you_mean",
-    "digits_of",
-    "near_words",
-    "nearest",
-    "readable_text",
-    "readable_unit",
-    "said_value",
-    "typed_number",
-    "typeset",
-    "value_text",
-]
-
 PREFIXED = {"m": "length", "rad": "angle", "s": "time"}
 _SMALL = 0.1
 """A number of metres below it reads better in a smaller unit."""

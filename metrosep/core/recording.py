@@ -15,8 +15,6 @@ from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.public import PublicObject, shortened
 
-__all__ = ["Recording"]
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Recording(PublicObject):

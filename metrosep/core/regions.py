@@ -19,22 +19,6 @@ from metrosep.core.units import Pixels, format_length
 if TYPE_CHECKING:
     from metrosep.core.surface import Surface
 
-__all__ = [
-    "LENGTHS",
-    "SHAPES",
-    "Axis",
-    "assumed_axis",
-    "check_region",
-    "counts_pixels",
-    "crosses_itself",
-    "in_pixels",
-    "measured_middle",
-    "needs_scale",
-    "not_round",
-    "region_words",
-    "within_region",
-]
-
 Flags = NDArray[np.bool_]
 Points = Sequence[tuple[float, float]]
 

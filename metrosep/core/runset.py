@@ -23,8 +23,6 @@ from metrosep.core.provenance import Step, freeze_mapping, hash_bytes
 from metrosep.core.public import PublicObject, shortened
 from metrosep.core.units import format_ends, format_length
 
-__all__ = ["Run", "RunSet"]
-
 _FEED_RTOL = 0.2
 """Largest relative disagreement of a stated feed with positions over time."""
 

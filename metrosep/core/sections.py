@@ -25,25 +25,6 @@ from metrosep.core.units import PIXEL, Pixels, format_length
 if TYPE_CHECKING:
     from metrosep.core.surface import Surface
 
-__all__ = [
-    "Distance",
-    "Reading",
-    "angle_at",
-    "circle_section",
-    "circle_through",
-    "distance",
-    "extremes_in",
-    "grid_of",
-    "harmonics",
-    "height_at",
-    "heights_at",
-    "is_calibrated",
-    "of_pixels",
-    "read_line",
-    "require_units",
-    "section_profile",
-]
-
 Reading = Literal["lanczos", "bilinear", "nearest"]
 
 _ON_PIXEL = 1e-8

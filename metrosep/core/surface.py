@@ -24,9 +24,6 @@ from metrosep.core.units import format_ends, format_length
 if TYPE_CHECKING:
     from metrosep.core.profile import Profile
 
-__all__ = ["Surface", "lateral_steps"]
-
-
 _SAME_PIXEL = 1e-6
 """Of a step: a pixel that lies outside by less is inside."""
 

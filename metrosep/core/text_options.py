@@ -10,8 +10,6 @@ from typing import Any, Final
 
 from metrosep.core.errors import ReadError
 
-__all__ = ["ROW_ORDERS", "TEXT_OPTIONS", "TextOptions", "accepted_options"]
-
 TEXT_OPTIONS: Final = {
     "separator": "Column separator, if it cannot be detected: tab, space, comma, semicolon.",
     "decimal": "Decimal mark, if it cannot be detected: . or ,",

@@ -14,24 +14,6 @@ from typing import Any, NamedTuple
 
 from metrosep.core.errors import UnitError
 
-__all__ = [
-    "FOREIGN_SPELLINGS",
-    "PIXEL",
-    "SURROUNDINGS",
-    "Pixels",
-    "Unit",
-    "column_unit",
-    "format_ends",
-    "format_engineering",
-    "format_length",
-    "likely_meaning",
-    "parse_lateral",
-    "parse_quantity",
-    "parse_sensitivity",
-    "parse_unit",
-    "surrounding_header",
-]
-
 
 class Unit(NamedTuple):
     """A unit: its name, its dimension and the factor to SI.

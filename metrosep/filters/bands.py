@@ -22,8 +22,6 @@ from metrosep.core.units import format_length
 from metrosep.filters import _arguments as arguments
 from metrosep.filters._arguments import DOCS, Measured
 
-__all__ = ["BandEdges", "band_edges", "band_stop"]
-
 _PASSES = 4
 """Times that the waves of the band are looked for in what is left: the page has the table."""
 

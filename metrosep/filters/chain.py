@@ -31,8 +31,6 @@ from metrosep.filters.gaussian import End, gaussian
 from metrosep.filters.robust import robust_gaussian
 from metrosep.spectral.dft import instance_of
 
-__all__ = ["primary", "roughness", "waviness"]
-
 CoreFilter = Literal["gaussian", "13565-1", "robust"]
 
 _ALREADY = {

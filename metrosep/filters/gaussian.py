@@ -36,11 +36,6 @@ from metrosep.filters._kernel import (
 )
 from metrosep.spectral.dft import Band
 
-__all__ = [
-    "gaussian",
-    "gaussian_support",
-]
-
 # ---- private: what the Gaussian filter is asked to do, checked and in samples ------------------
 
 End = Literal["moment", "renormalise", "closed", "cut"]

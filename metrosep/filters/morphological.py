@@ -29,13 +29,6 @@ from metrosep.core.units import format_length
 from metrosep.filters import _arguments as arguments
 from metrosep.filters._arguments import DOCS, FilterBand, Measured, Wavelength
 
-__all__ = [
-    "closing",
-    "dilation",
-    "erosion",
-    "opening",
-]
-
 
 @documented(**DOCS)
 def dilation(obj: Measured, *, radius: Wavelength = None, length: Wavelength = None) -> Measured:

@@ -28,11 +28,6 @@ from metrosep.core.provenance import Step
 from metrosep.filters import _arguments as arguments
 from metrosep.filters._arguments import DOCS, FilterBand, Measured, Wavelength, Wavelengths
 
-__all__ = [
-    "regression_constant",
-    "robust_gaussian",
-]
-
 _BIWEIGHT = 4.4478
 """c over the median of abs(r): three standard deviations of Gaussian residuals (3 / 0.6745)."""
 

@@ -15,8 +15,6 @@ from metrosep.core.provenance import Step
 from metrosep.core.sections import Reading, heights_at, is_calibrated
 from metrosep.core.surface import Surface
 
-__all__ = ["resample"]
-
 _METHODS = ("lanczos", "bilinear", "nearest")
 
 _MOST_SAMPLES = 10_000_000

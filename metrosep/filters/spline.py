@@ -30,8 +30,6 @@ from metrosep.core.provenance import Step
 from metrosep.filters import _arguments as arguments
 from metrosep.filters._arguments import DOCS, FilterBand, Measured, Wavelength, Wavelengths
 
-__all__ = ["spline"]
-
 Smoother = Callable[[FloatArray], FloatArray]
 
 _BLOCK = 256

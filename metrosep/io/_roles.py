@@ -27,26 +27,6 @@ from metrosep.io.text.encoding import ROLE_WORDS, Role
 from metrosep.io.text.table import Column, Table
 from metrosep.io.text.times import LONG_AGO_S, written_moments
 
-__all__ = [
-    "ColumnSpec",
-    "Role",
-    "gap_in",
-    "is_read_too",
-    "jumps_back",
-    "numbering",
-    "pick",
-    "refuse_marker",
-    "role_of",
-    "runs_beside",
-    "runs_in",
-    "sensitivity",
-    "since_first_row",
-    "targets_in",
-    "tells_direction",
-    "to_si",
-    "without_counter",
-]
-
 
 def _plain(name: str) -> str:
     """Return a name without case, blanks, marks and a number at its end."""

@@ -17,8 +17,6 @@ from pathlib import PurePosixPath
 from metrosep.core.errors import CorruptFileError, ReadError, UnsupportedFeatureError
 from metrosep.io.source import LOCAL_HEADER, RawFile
 
-__all__ = ["Archive", "xml_of", "zip_members"]
-
 _SHOWN = 2**16
 """Bytes of a member that a recogniser looks at."""
 

@@ -34,8 +34,6 @@ from metrosep.io.several_runs import table_advice
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.table import Table, read_table
 
-__all__ = ["Finding", "check_file", "check_object", "describe"]
-
 MANY_INVALID = 0.05
 """Share of points not measured from which it is worth a finding; from half on it is an error."""
 

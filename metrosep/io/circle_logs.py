@@ -33,8 +33,6 @@ from metrosep.io.runs import columns_of
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.table import Table, read_table
 
-__all__ = ["CircleLog", "read_circle_log"]
-
 _WORDS: Mapping[str, tuple[str, ...]] = {
     "angle": ("angle", "winkel", "phi", "theta"),
     "ccw": ("ccw", "acw", "anticlockwise", "counterclockwise"),
@@ -87,36 +85,7 @@ def read_circle_log(
     plane: str = "XY",
     **layout: Any,
 ) -> CircleLog:
-    """Return the runs of a circular test as `metrosep.machine.circle_test` takes them.
-
-    Parameters
-    ----------
-    paths : path or iterable of paths
-        Text; several files follow one another.
-    radius : float, m
-        Programmed radius.
-    columns : mapping of str to str, optional
-        Column of ``angle``, ``ccw``, ``cw``, ``x``, ``y``, ``reading`` or ``length``, such as
-        ``{"x": "2:mm"}`` where there is no header; those that are omitted are found by their names.
-    plane : {"XY", "YZ", "ZX", "XZ"}, optional
-        First and second axis: the positions are taken from the columns called after them.
-    **layout
-        How the text is written: `metrosep.core.text_options.TEXT_OPTIONS`.
-
-    Returns
-    -------
-    CircleLog
-        In SI.
-
-    Raises
-    ------
-    FormatMismatchError
-        The columns of a circle are missing or ambiguous.
-    UnitError
-        A column has no unit, or one of another dimension; deviations are beyond 10 mm.
-    DataError
-        The circle of a log has another radius than the programmed one.
-    """
+    """Return the runs of a circular test as `metrosep.machine.circle_test` takes them."""
     numbers.choice(plane, "plane", _PLANES)
     files = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     if not files:

@@ -20,20 +20,6 @@ from metrosep.core.errors import CorruptFileError, ReadError
 from metrosep.core.units import parse_unit
 from metrosep.io.source import LOCAL_HEADER, RawFile, has_hdf5_magic
 
-__all__ = [
-    "LAYOUT_LINES",
-    "Cursor",
-    "Fields",
-    "Marks",
-    "Match",
-    "Structure",
-    "TextFields",
-    "marks_of",
-    "need_bytes",
-    "preview",
-]
-
-
 LAYOUT_LINES = 200
 """Lines among which a described text has its first mark."""
 

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from metrosep.core.profile import Profile
     from metrosep.core.surface import Surface
 
-__all__ = ["Finding", "height_findings"]
-
 Level = Literal["error", "warning", "note"]
 
 LARGE_HEIGHT = 0.1
@@ -50,18 +48,7 @@ class Finding:
 
 
 def height_findings(obj: Surface | Profile) -> Iterator[Finding]:
-    """Yield what is unusual about the size of heights: a unit that is probably wrong.
-
-    Parameters
-    ----------
-    obj : Surface or Profile
-        What was read.
-
-    Yields
-    ------
-    Finding
-        With what to do.
-    """
+    """Yield what is unusual about the size of heights: a unit that is probably wrong."""
     size = obj.peak_to_valley()
     if size > LARGE_HEIGHT:
         yield Finding(

@@ -18,8 +18,6 @@ from metrosep.core.recording import Recording
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.surface import Surface
 
-__all__ = ["to_frame", "to_xarray"]
-
 _MM, _NM = 1e3, 1e9
 
 

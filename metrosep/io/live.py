@@ -22,8 +22,6 @@ from pathlib import Path
 from metrosep.core.errors import DataError, ReadError, WriteError
 from metrosep.core.units import SURROUNDINGS, column_unit, surrounding_header
 
-__all__ = ["LineTable", "Question", "joins_midway", "open_line", "record"]
-
 LONGEST = 4096
 """Bytes of a line: what has no line end by then is no text."""
 MOST_ROWS = 20_000_000

@@ -31,29 +31,6 @@ from metrosep.core.surface import Surface
 from metrosep.core.text_options import ROW_ORDERS
 from metrosep.io.source import MAX_PIXELS, RawFile, declared_steps, evidence, refuse_options
 
-__all__ = [
-    "EVIDENCE",
-    "ROW_ORDERS",
-    "SI_NAMES",
-    "Request",
-    "check_area",
-    "check_scale",
-    "checked_row_order",
-    "height_only",
-    "lateral_or_none",
-    "make_profile",
-    "make_surface",
-    "map_reader",
-    "not_calibrated",
-    "only_channels",
-    "rows_asked",
-    "rows_of_matrix",
-    "rows_to_write",
-    "scaled",
-    "scaled_file",
-    "to_grid",
-]
-
 EVIDENCE = (
     "coordinates", "standard", "pair", "rotation", "writer", "peer", "assumed"
 )  # fmt: skip

@@ -27,21 +27,6 @@ from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.io.source import RawFile
 
-__all__ = [
-    "OwnNotes",
-    "comment_notes",
-    "comment_text",
-    "decode_history",
-    "decode_mapping",
-    "encode_history",
-    "encode_mapping",
-    "header_lines",
-    "header_notes",
-    "is_marked",
-    "measured_at",
-    "moment_of",
-]
-
 _KINDS = ("P", "W", "R")
 _CUTOFFS = ("lambda_c_m", "lambda_s_m", "lambda_f_m")
 _COUNT = "n_sections"

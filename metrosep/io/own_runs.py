@@ -16,8 +16,6 @@ from metrosep.io.own_notes import header_notes
 from metrosep.io.source import RawFile
 from metrosep.io.text.table import Column, Table
 
-__all__ = ["own_columns", "own_runs", "run_table"]
-
 _NAMES = ("run", "feed_m_s", "t_s")
 
 

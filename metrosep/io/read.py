@@ -24,11 +24,10 @@ from metrosep.core.readable import did_you_mean
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
-from metrosep.core.text_options import TEXT_OPTIONS, accepted_options
+from metrosep.core.text_options import ROW_ORDERS, TEXT_OPTIONS, accepted_options
 from metrosep.core.units import parse_unit
 from metrosep.io import registry
 from metrosep.io.objects import (
-    ROW_ORDERS,
     checked_row_order,
     lateral_or_none,
     make_profile,
@@ -39,16 +38,6 @@ from metrosep.io.objects import (
 from metrosep.io.registry import Format
 from metrosep.io.several_runs import BLOCKS, SeveralRunsError
 from metrosep.io.source import RawFile, declared_steps, open_file, refuse_options
-
-__all__ = [
-    "RowsShownError",
-    "channels",
-    "read",
-    "read_any",
-    "read_for_recipe",
-    "read_one",
-    "recognise",
-]
 
 
 def read(

@@ -38,8 +38,6 @@ from metrosep.machine.instruments import (
     Nest,
 )
 
-__all__ = ["read_reading_set"]
-
 _KINDS: Mapping[str, Callable[..., Instrument]] = {
     "displacement": Displacement,
     "angle": Angle,
@@ -88,30 +86,7 @@ _AXES = {f"{s}{a}": (0.0,) * i + ((-1.0 if s == "-" else 1.0),) + (0.0,) * (2 - 
 def read_reading_set(
     path: str | os.PathLike[str], chain: Chain, *, needs_readings: bool = True
 ) -> ReadingSet:
-    """Return the readings of a file, as `metrosep.machine.calibrate` takes them.
-
-    Parameters
-    ----------
-    path : path
-        Text with its set-up in comment lines of TOML.
-    chain : Chain
-        The machine, which says which columns are axes.
-    needs_readings : bool, optional
-        Whether a column of readings must be there; zeros stand for them otherwise.
-
-    Returns
-    -------
-    ReadingSet
-        In SI.
-
-    Raises
-    ------
-    FormatMismatchError
-        The set-up is missing or not TOML, a key is unknown, an axis has no column and no place, or
-        there is no column of readings.
-    UnitError
-        A column or a key has no unit, or one of another dimension.
-    """
+    """Return the readings of a file, as `metrosep.machine.calibrate` takes them."""
     file = open_file(path)
     setup = _setup(file)
     table = read_table(file)

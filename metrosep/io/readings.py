@@ -24,8 +24,6 @@ from metrosep.io.runs import columns_of
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.table import Table
 
-__all__ = ["read_readings"]
-
 Dimension = Literal["length", "angle"]
 
 _SAME_POSITION = 1e-3

@@ -37,20 +37,6 @@ from metrosep.io.declared import LAYOUT_LINES, Marks, Match, Structure, marks_of
 from metrosep.io.source import RawFile, entries_of, format_folder as _format_folder, open_file
 from metrosep.io.text.encoding import zero_byte
 
-__all__ = [
-    "Format",
-    "Reader",
-    "demand",
-    "find",
-    "formats",
-    "get",
-    "identify",
-    "mismatch",
-    "principal",
-    "sniffer",
-    "structure",
-]
-
 ENTRY_POINTS = "metrosep.readers"
 """Entry-point group of readers that other packages bring."""
 

@@ -33,8 +33,6 @@ from metrosep.io.text.encoding import decode
 from metrosep.io.text.lines import unframed
 from metrosep.io.text.table import Column, Table
 
-__all__ = ["Role", "read_roles", "role_values"]
-
 _PER = re.compile(r"[_ ]per[_ ][A-Za-z]+$")
 """Numbers per turn, or turns per minute, stand where a role has no dimension: the method says their unit."""
 

@@ -67,17 +67,6 @@ from metrosep.io.text.table import (
     without_empty_rows,
 )
 
-__all__ = [
-    "FeedSpec",
-    "are_over_an_angle",
-    "columns_of",
-    "from_first_row",
-    "names_of_columns",
-    "read_runs",
-    "runs_of",
-    "told_columns",
-]
-
 FeedSpec: TypeAlias = ColumnSpec | float | Sequence[float | str] | None
 """A column, a number in m/s, text such as ``"7200 mm/min"``, or a list with one per file."""
 

@@ -30,8 +30,6 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.public import PublicObject, state_of
 
-__all__ = ["SCHEMA", "load", "restored", "save"]
-
 SCHEMA = "metrosep.object/1"
 _MOST_BYTES = 2**34
 _KIND = "kind"

@@ -10,8 +10,6 @@ from typing import Any
 from metrosep.core.errors import FormatMismatchError
 from metrosep.core.units import parse_unit
 
-__all__ = ["BLOCKS", "COLUMNS", "FoundRuns", "SeveralRunsError", "table_advice"]
-
 BLOCKS = "blocks"
 """What ``run=`` takes where no column numbers the runs: they begin where the position jumps back."""
 

@@ -37,24 +37,6 @@ from metrosep.core.numbers import positive, steps_of
 from metrosep.core.provenance import Step, hash_bytes
 from metrosep.core.text_options import TextOptions
 
-__all__ = [
-    "HDF5_MAGIC",
-    "HEAD_BYTES",
-    "LOCAL_HEADER",
-    "MAX_PIXELS",
-    "RawFile",
-    "declared_steps",
-    "entries_of",
-    "evidence",
-    "flat_map",
-    "format_folder",
-    "has_hdf5_magic",
-    "open_file",
-    "rate_of",
-    "refuse_options",
-    "unproven",
-]
-
 HEAD_BYTES = 65536
 """Bytes that a reader may look at to recognise its format."""
 

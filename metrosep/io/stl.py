@@ -19,9 +19,6 @@ from metrosep.core.atomic import require_plain
 from metrosep.core.errors import CorruptFileError, FileMissingError, ReadError
 from metrosep.core.units import parse_unit
 
-__all__ = ["parse_stl", "read_stl"]
-
-
 _HEADER = 80
 _FACET = np.dtype(
     [("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attributes", "<u2")], align=False
@@ -44,28 +41,6 @@ def read_stl(path: str | PathLike[str], *, unit: str) -> FloatArray:
 
 def parse_stl(data: bytes, *, unit: str, name: str = "STL data") -> FloatArray:
     r"""Return the corners of all triangles of an STL file.
-
-    Parameters
-    ----------
-    data : bytes
-        Content of the file, binary or ASCII.
-    unit : str
-        Unit of its coordinates, such as "mm": the file does not say it.
-    name : str, optional
-        Of the file, for messages.
-
-    Returns
-    -------
-    ndarray, shape (n, 3, 3), m
-        Triangle, corner, coordinate.
-
-    Raises
-    ------
-    CorruptFileError
-        If the size is not that of its count of facets, a line of an ASCII file is not what must
-        stand there, a coordinate is not finite, or there is no facet.
-    UnitError
-        If the unit is not a length.
 
     Notes
     -----

@@ -30,8 +30,6 @@ from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.logger import with_units
 from metrosep.io.text.table import AS_THEY_FOLLOW, refuse_row_gap
 
-__all__ = ["ChunkSource", "Stream", "open_stream"]
-
 CHUNK = 2**18
 """Samples of each channel in a chunk unless the caller says otherwise: 2 MB per channel."""
 
@@ -92,27 +90,7 @@ class Stream(AbstractContextManager["Stream"]):
     is_counted: bool = False
 
     def chunks(self, size: int = CHUNK) -> Iterator[dict[str, FloatArray]]:
-        """Yield the recording from its start, a chunk at a time.
-
-        Parameters
-        ----------
-        size : int, optional
-            Samples of each channel in a chunk; the last one may be shorter.
-
-        Yields
-        ------
-        dict of str to ndarray, shape (n,)
-            In SI where the unit is known, NaN = not measured.
-
-        Raises
-        ------
-        CorruptFileError
-            If a part of the file is damaged; what came before is right.
-        FormatMismatchError
-            If time is counted by rows and their own numbers have a gap.
-        DataError
-            If `size` is below 1.
-        """
+        """Yield the recording from its start, a chunk at a time."""
         if size < 1:
             raise DataError(f"a chunk needs at least one sample, got {size}")
         factors = {n: u.factor for n in self.channels if (u := self.units[n]) is not None}

@@ -25,8 +25,6 @@ from metrosep.io.text.table import read_table
 from metrosep.machine.elements import axis_of
 from metrosep.machine.terms import ConstantTerm, ErrorTerm, TableTerm, closes, is_angle
 
-__all__ = ["read_term_table", "table_texts", "term_texts"]
-
 _ROUNDING = 1e-9
 """Of a turn, by which a table over 360 deg may miss it."""
 
@@ -41,33 +39,7 @@ _U = "u_"
 def read_term_table(
     file: str | os.PathLike[str], kinds: Mapping[str, str], notes: list[str] | None = None
 ) -> dict[str, tuple[TableTerm, tuple[float, float]]]:
-    """Return the terms of one axis from a text file, whose columns state names and units.
-
-    Parameters
-    ----------
-    file : str or path
-        Such as ``x_mm,EXX_um,EBX_urad``; ``u_EXX_um`` is the standard uncertainty of EXX. Separator,
-        decimal mark and encoding are found; the places rise or fall.
-    kinds : mapping of str to {"length", "angle"}
-        What the positions of each axis of the machine are.
-    notes : list of str, optional
-        Takes what the reader warns of: rows that are commented out, lines behind the table.
-
-    Returns
-    -------
-    dict of str to (TableTerm, (float, float))
-        By term the table, and from where to where it reaches, SI. Over a full turn of an axis that turns,
-        with equal ends, it is looked up modulo the turn.
-
-    Raises
-    ------
-    ReadError
-        The file cannot be read.
-    DataError
-        It holds no such table; a column is not an error of its axis.
-    UnitError
-        A column has no unit of its dimension.
-    """
+    """Return the terms of one axis from a text file, whose columns state names and units."""
     held = open_file(file)
     table = read_table(held)
     if len(table) < 2:
@@ -141,22 +113,7 @@ def term_texts(
     ranges: Mapping[str, tuple[float, float]],
     rotary: Collection[str],
 ) -> dict[str, str]:
-    """Return the files that hold terms, as `read_term_table` and lists of constants are read.
-
-    Parameters
-    ----------
-    terms : mapping of str to ErrorTerm
-        Constants, and terms over the position of their axis.
-    ranges : mapping of str to (float, float), m or rad
-        By term from where to where it is known; of one axis the common part is written.
-    rotary : collection of str
-        Axes that turn.
-
-    Returns
-    -------
-    dict of str to str
-        Content by name of the file: ``constants.toml`` and ``X.csv`` for each axis.
-    """
+    """Return the files that hold terms, as `read_term_table` and lists of constants are read."""
     texts: dict[str, str] = {}
     constants = []
     for name, term in terms.items():
@@ -205,18 +162,7 @@ def _places(terms: Sequence[ErrorTerm], low: float, high: float, n: int) -> Floa
 
 
 def table_texts(terms: Mapping[str, ErrorTerm]) -> dict[str, str]:
-    """Return the files that hold constants and tables, which know themselves how far they reach.
-
-    Parameters
-    ----------
-    terms : mapping of str to ErrorTerm
-        Such as those of `metrosep.machine.ThermalFit.errors`.
-
-    Returns
-    -------
-    dict of str to str
-        Content by name of the file, as of `term_texts`.
-    """
+    """Return the files that hold constants and tables, which know themselves how far they reach."""
     ranges = {
         n: (t.positions[0], t.positions[-1]) for n, t in terms.items() if isinstance(t, TableTerm)
     }

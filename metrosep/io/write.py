@@ -37,8 +37,6 @@ from metrosep.io.own_notes import header_lines
 from metrosep.io.own_runs import run_table
 from metrosep.io.text.dialect import header_unit
 
-__all__ = ["SUFFIXES", "WITHOUT_HISTORY", "write"]
-
 _SUFFIXES = {
     ".x3p": "x3p",
     ".csv": "csv",

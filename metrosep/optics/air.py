@@ -22,8 +22,6 @@ from metrosep.core.readable import typed_number
 from metrosep.core.units import parse_quantity
 from metrosep.optics.air_options import AIR, U_AIR, WET
 
-__all__ = ["AirIndex", "air_index", "refractive_index", "saturation_pressure"]
-
 Equation = Literal["ciddor", "edlen"]
 
 _STANDARD_CO2 = 450e-6

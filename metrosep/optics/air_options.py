@@ -6,8 +6,6 @@ from collections.abc import Mapping
 
 from metrosep.core.options import Option
 
-__all__ = ["AIR", "U_AIR", "WET"]
-
 WET = ("humidity", "dew_point", "vapour_pressure")
 """Measures of the water in air; one of them is stated."""
 

@@ -19,8 +19,6 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.numbers import count, not_negative, positive
 from metrosep.optics.rays import freeze_fields, real_array, wavelength_of
 
-__all__ = ["ModulationTransfer", "PointSpread", "marechal", "point_spread", "strehl_ratio"]
-
 _LEAST_PAD = 2
 """Below it the autocorrelation of the pupil wraps around."""
 

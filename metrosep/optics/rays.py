@@ -20,14 +20,6 @@ from metrosep.core._arrays import FloatArray, as_float, is_frozen
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.numbers import between, choice, real
 
-__all__ = [
-    "Mode",
-    "Side",
-    "check_mode",
-    "path_difference",
-    "path_sensitivity",
-]
-
 Mode = Literal["reflect", "refract"]
 Side = Literal["inside", "outside"]
 

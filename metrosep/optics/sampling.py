@@ -15,8 +15,6 @@ from metrosep.core.regions import measured_middle
 from metrosep.core.surface import Surface
 from metrosep.forms.base import Form
 
-__all__ = ["Grid", "Sampled", "form_points", "map_points"]
-
 _Mask = NDArray[np.bool_]
 
 Grid = Literal["polar", "square"]

@@ -36,8 +36,6 @@ from metrosep.optics.rays import (
 from metrosep.optics.sampling import GRIDS, Grid, Sampled, form_points, map_points
 from metrosep.optics.zernike_tables import ZernikeTable, fit_table
 
-__all__ = ["Wavefront", "ZernikeTable", "wavefront"]
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Wavefront(PublicObject):

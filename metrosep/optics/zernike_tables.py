@@ -17,8 +17,6 @@ from metrosep.forms.zernike import Zernike, ZernikeOrder, term_name, to_nm
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["ZernikeTable", "fit_table"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZernikeTable:

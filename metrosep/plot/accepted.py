@@ -9,8 +9,6 @@ from typing import Any, TypeVar, cast
 from metrosep.core.errors import OptionError
 from metrosep.separation.contract import Separation
 
-__all__ = ["document_of", "takes_documents", "takes_separations"]
-
 Draw = TypeVar("Draw", bound=Callable[..., Any])
 
 _KEYS = {"ErrorEstimate": "estimate", "Separation": "separation", "CompensationTable": "table"}

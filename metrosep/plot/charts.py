@@ -44,15 +44,6 @@ if TYPE_CHECKING:
 
     from metrosep.separation.positions.positioning_result import PositioningTest
 
-__all__ = [
-    "CHART_KINDS",
-    "draw_bars",
-    "draw_chart",
-    "plan_density",
-    "plan_sd",
-    "positioning_chart",
-]
-
 # ---- bars of a result: rankings, budgets and coefficients, from the plain values of a chart ----
 
 _MANY = 7

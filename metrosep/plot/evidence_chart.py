@@ -27,16 +27,6 @@ from metrosep.plot.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = [
-    "BANDS_PER_OCTAVE",
-    "cell_edges",
-    "evidence_plot",
-    "feed_map",
-    "in_bands",
-    "lines_of_residual",
-    "shared_lines",
-]
-
 _SNR_FLOOR = 1e-2
 """Smallest signal-to-noise ratio that is drawn; smaller and negative ones lie on it."""
 

@@ -17,8 +17,6 @@ from metrosep.plot.style import COLOURS, house_style, length_scale, new_figure, 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["lag_words", "left_out_plot", "run_rows", "short_names", "was_predicted"]
-
 _MARK = "▸ "
 """Before the finding of a run, so that it is not told by colour alone."""
 
@@ -183,23 +181,7 @@ _WAYS = {1: "forward", -1: "reverse", "forward": "forward", "reverse": "reverse"
 
 
 def run_rows(source: Any) -> list[dict[str, Any]]:
-    """Return what was found about each run: a row of numbers, and its strip where it was predicted.
-
-    Parameters
-    ----------
-    source : ErrorEstimate or mapping
-        As for `left_out_plot`; of any method.
-
-    Returns
-    -------
-    list of dict
-        In the order of the runs: ``run``, ``short`` (a name that fits a column), ``direction``,
-        ``feed_mm_min``, ``used``, ``misfit``, ``gain``, ``u_gain``, ``shift_mm``, ``u_shift_mm``
-        against the other runs, ``predicted`` (whether these are of the prediction from the others,
-        or of a comparison with their mean), ``offset_mm`` and ``u_offset_mm`` (position offset where
-        it was fitted), ``finding``, and ``x_mm``, ``strip_nm``; None where
-        not known. Empty for results without such checks.
-    """
+    """Return what was found about each run: a row of numbers, and its strip where it was predicted."""
     terms, table = _parts(source)
     names = [str(n) for n in table.get("run") or []]
     short = short_names(names)
@@ -261,18 +243,7 @@ def _strips(
 
 
 def lag_words(source: Any) -> list[tuple[str, str]]:
-    """Return what a joint separation found and did about a delay of the reading, by direction.
-
-    Parameters
-    ----------
-    source : ErrorEstimate or mapping
-        As for `left_out_plot`.
-
-    Returns
-    -------
-    list of (str, str)
-        Direction ("" where there is one) and a phrase; empty for methods that do not look for one.
-    """
+    """Return what a joint separation found and did about a delay of the reading, by direction."""
     if hasattr(source, "runs_data"):
         steps = [s.parameters for s in source.history if s.name == "separate"]
         method, audit = source.method, source.audit

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["flat_maps", "overlap_mismatch", "separation_maps", "stitch_layout", "stitched_surface"]
-
 _INVALID = "#B8B8B8"
 _COLOUR_MAP, _COLOURS_OF_HEIGHTS = "RdBu_r", "viridis"
 _MOST_COLUMNS = 3

@@ -38,15 +38,6 @@ if TYPE_CHECKING:
     from metrosep.separation.contract import Separation
     from metrosep.separation.lines.three_points import MultiProbe, ThreePoint, TwoPoint
 
-__all__ = [
-    "probe_gain_chart",
-    "probe_layout",
-    "probe_residuals",
-    "probe_transfer",
-    "speed_plot",
-    "straightness_parts",
-]
-
 _TITLES = {
     "artefact": "artefact",
     "height": "height",

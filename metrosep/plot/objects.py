@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     from metrosep.core.surface import Surface
 
-__all__ = ["draw_object"]
-
 _SIDE = 512
 """Pixels of a map along its longer side."""
 
@@ -47,34 +45,7 @@ def draw_object(
     vmax: float | str | None = None,
     **options: Any,
 ) -> Any:
-    """Draw a public object and return the axes.
-
-    Parameters
-    ----------
-    obj : object
-        A public object, or the document of a result.
-    ax : matplotlib Axes or str, optional
-        Axes to draw into, new ones if omitted; or what is drawn of an object with several pictures
-        ("spectrum" or "psd" of an estimate).
-    unit : str, optional
-        Unit of the values that are drawn, such as "nm"; one in which they read well if omitted.
-    vmin, vmax : float (SI) or str with unit, optional
-        Ends of the scale of the values; from the data if omitted.
-    **options
-        Of the function that draws this kind of object.
-
-    Returns
-    -------
-    matplotlib Axes or Figure
-        A figure where an object needs several panels.
-
-    Raises
-    ------
-    DataError
-        If the object has no picture.
-    OptionError
-        If an option is unknown.
-    """
+    """Draw a public object and return the axes."""
     found = next(
         (_PICTURES[c.__name__] for c in type(obj).__mro__ if c.__name__ in _PICTURES), None
     )

@@ -13,8 +13,6 @@ from metrosep.plot.summary import drawable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["plain_pages"]
-
 _SIZE = (8.27, 11.69)
 """A4, in inches."""
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["LINE", "place_grid", "place_stack", "text_width", "widest_number"]
-
 _POINT = 1.0 / 72.0  # inch
 
 LINE = 1.2

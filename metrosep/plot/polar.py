@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from metrosep.machine import CircleTest
     from metrosep.separation.circles.spindle_result import SpindleMotion
 
-__all__ = ["circle_chart", "draw_round", "harmonic_bars", "polar_plot", "readable_unit", "stacked"]
-
 _INNER = 2.2
 """Base circle in units of the largest motion: the chart keeps a hole."""
 

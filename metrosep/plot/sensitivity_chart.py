@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 
     from metrosep.machine.sensitivity import SensitivityTable
 
-__all__ = ["sensitivity_bars", "sensitivity_maps", "sensitivity_pareto"]
-
-
 _DECADES = 4
 _MOST_TABLES = 4
 _BAR_COLOURS = (COLOURS["before"], COLOURS["estimate"], COLOURS["after"], COLOURS["reverse"])

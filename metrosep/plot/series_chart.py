@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from metrosep.separation.drift.drift import DriftTest
 
-__all__ = ["allan_plot", "draw_part_series", "drift_chart", "trend_chart"]
-
 _MOST_BARS = 14
 _MOST_CURVES = 3
 _MOST_PAIRS = 16

@@ -38,22 +38,11 @@ if TYPE_CHECKING:
     from metrosep.compensation.closed_loop import LoopCut, LoopHistory, LoopResult
     from metrosep.compensation.knots import Knots
     from metrosep.core.profile import Profile
+    from metrosep.process._motion import FollowUp
     from metrosep.process.dual_servo import BeforeAfter
     from metrosep.process.flexure import FlexureCalibration
-    from metrosep.process.follow_ups import FollowUp
     from metrosep.process.static_errors import StaticComparison
     from metrosep.process.straightness_runs import RunPolynomial
-
-__all__ = [
-    "before_after_chart",
-    "calibration_chart",
-    "closed_loop_plot",
-    "follow_up_chart",
-    "setting_map",
-    "setting_profiles",
-    "static_error_chart",
-    "straightness_chart",
-]
 
 
 def follow_up_chart(result: FollowUp) -> Figure:

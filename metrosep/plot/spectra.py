@@ -29,9 +29,6 @@ from metrosep.plot.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["residual_psd", "spectrum"]
-
-
 _FEED_COLOURS = ("#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#7A7A7A", "#000000")
 _MARKERS = {"": ("o", 6.5), "forward": ("o", 8.0), "reverse": ("s", 4.5)}
 

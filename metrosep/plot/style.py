@@ -28,35 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "BAND_FACTOR",
-    "BARS",
-    "COLOURS",
-    "DASHED",
-    "DIMENSIONS",
-    "DOTTED",
-    "LINES",
-    "UNITS",
-    "axes_or_new",
-    "draw_band",
-    "figure_png",
-    "figure_svg",
-    "house_style",
-    "label_decades",
-    "length_scale",
-    "lighten",
-    "localise",
-    "mark_placed",
-    "new_figure",
-    "scale_of",
-    "setting",
-    "shades",
-    "speed_name",
-    "stated_unit",
-    "values",
-    "write_beside",
-]
-
 Document = Mapping[str, Any]
 Draw = Callable[[Document], "Axes | Figure"]
 

@@ -39,17 +39,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "before_after",
-    "charts_of",
-    "drawable",
-    "overview",
-    "parts_plot",
-    "reversal_quartet",
-    "separation_parts",
-    "table_plot",
-]
-
 
 @takes_documents
 def drawable(document: Mapping[str, Any]) -> dict[str, Callable[..., Axes | Figure]]:

@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from metrosep.process.path_errors import PathErrorMap
     from metrosep.process.path_points import CountCurve
 
-__all__ = ["path_error_counts", "path_error_figure", "path_error_line"]
-
-
 _INVALID = "#B8B8B8"
 _MOST_COLUMNS = 4
 _STYLES = {

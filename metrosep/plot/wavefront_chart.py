@@ -16,9 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from metrosep.optics.image_quality import ModulationTransfer
-    from metrosep.optics.wavefronts import Wavefront, ZernikeTable
-
-__all__ = ["contrast_plot", "disc_map", "wavefront_map", "zernike_bars"]
+    from metrosep.optics.wavefronts import Wavefront
+    from metrosep.optics.zernike_tables import ZernikeTable
 
 _ORDERS = {"ansi": "ANSI", "noll": "Noll", "fringe": "Fringe"}
 

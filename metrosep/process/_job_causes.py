@@ -16,8 +16,6 @@ from metrosep.process._setting_equations import FACTORS, height_errors
 from metrosep.process.predictions import Contribution
 from metrosep.process.tool_settings import ToolSetting
 
-__all__ = ["cause_of", "check_causes", "checked_removed", "setting_cause"]
-
 _NAME = "tool setting"
 _STEP = {"dx": 1e-8, "dy": 1e-8, "dR": 1e-6}
 """m: at which the effect of a factor that is not determined is looked for."""

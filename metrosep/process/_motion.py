@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from metrosep.spectral.spectra import AmplitudeSpectrum
 
-__all__ = ["FollowUp", "FollowUpMap", "TermShare"]
-
 ORDER = 5
 """Of the local polynomials: two above the third derivative, so that its bias is of order h^4."""
 

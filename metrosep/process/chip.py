@@ -18,9 +18,6 @@ from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.units import format_length
 from metrosep.process._plain import not_above, real_array
 
-__all__ = ["approximate_chip_thickness", "cusp_height", "cusp_ra", "max_chip_thickness"]
-
-
 _LARGEST = {"R": 0.1, "f": 1e-2, "a": 1e-2}
 """m: a nose radius, feed per revolution or depth from here on is a number in um or mm."""
 

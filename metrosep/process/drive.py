@@ -30,15 +30,6 @@ from metrosep.process.servo import Gains, ServoModel, error_ratio
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "DriveTable",
-    "GainSweep",
-    "drive_table",
-    "stability_limits",
-    "stage_displacement",
-    "sweep_gains",
-]
-
 Stage = FlexureCalibration | tuple[PrandtlIshlinskii, ArrayLike] | float
 """A curve, a model with the voltages it has seen, or a sensitivity in m/V."""
 

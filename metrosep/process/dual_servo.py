@@ -22,8 +22,6 @@ from metrosep.core.quantity import Quantity
 from metrosep.process._plain import Frozen, complete, known
 from metrosep.process.straightness_runs import RunPolynomial
 
-__all__ = ["BeforeAfter", "CumulativeError", "before_after", "cumulative_error"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CumulativeError(Frozen):

@@ -30,8 +30,6 @@ from metrosep.process._setting_equations import FACTORS, known_form
 from metrosep.process.setting_maps import plausible_places
 from metrosep.process.tool_settings import ToolSetting
 
-__all__ = ["CorrectedPath", "CorrectedPoints", "corrected_path", "corrected_points"]
-
 Volumetric = Callable[[FloatArray, FloatArray, FloatArray], tuple[ArrayLike, ArrayLike, ArrayLike]]
 
 _MOST_STEPS = 60

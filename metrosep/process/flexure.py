@@ -31,8 +31,6 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
 from metrosep.process._plain import Frozen, known
 
-__all__ = ["FlexureCalibration", "flexure_calibration"]
-
 Direction = Literal["mean", "up", "down"]
 
 _NEARLY = 0.99

@@ -34,8 +34,6 @@ from metrosep.process._motion import (
     uniform,
 )
 
-__all__ = ["FollowUp", "FollowUpMap", "TermShare", "drawn_pv", "follow_up", "square_root"]
-
 _MIN_SAMPLES = 16
 
 _ROUNDING = 4.0 * float(np.finfo(np.float64).eps)

@@ -41,8 +41,6 @@ from metrosep.core.units import format_ends, format_length
 from metrosep.process._plain import Frozen, complete, frozen
 from metrosep.process.flexure import FlexureCalibration, samples
 
-__all__ = ["DriveResiduals", "HysteresisFit", "PrandtlIshlinskii", "compare_drives"]
-
 _FINEST, _COARSEST = 40, 20
 """Thresholds over the range of the voltage."""
 _TURN, _FULL = 0.02, 0.95

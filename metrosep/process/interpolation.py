@@ -24,11 +24,6 @@ from metrosep.core.errors import (
 )
 from metrosep.process._plain import length
 
-__all__ = [
-    "EndCondition", "Interpolation", "angle_at_length", "arc_length", "evaluate", "fitted_heights",
-    "knot_slopes",
-]  # fmt: skip
-
 EndCondition = Literal["not-a-knot", "natural", "clamped"]
 Interpolation = Literal["linear", "spline", "pvt"]
 

@@ -52,8 +52,6 @@ from metrosep.process.predictions import Contribution, ErrorBudget, Prediction
 from metrosep.process.tips import Edge, TipSurface, tip_heights, tips
 from metrosep.process.tool_settings import ToolSetting
 
-__all__ = ["JobPlan", "TurningJob"]
-
 _LEAD_IN = 3
 _PARTS = 10
 """Moments within a block at which a plan or a prediction looks."""

@@ -20,9 +20,6 @@ from metrosep.core.errors import DataError, InvalidSamplesError, NotConvergedErr
 from metrosep.core.quantity import Quantity
 from metrosep.process._plain import Frozen, complete, frozen, uniform_time
 
-__all__ = ["LearningStep", "learn_step", "low_pass"]
-
-
 _MIN_SAMPLES = 16
 _ABOVE_NOISE = 10.0
 """Amplitude of the command over noise of the error, from which a frequency tells the axis."""

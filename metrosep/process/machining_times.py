@@ -11,8 +11,6 @@ from metrosep.core import numbers
 from metrosep.core.docs import described_by
 from metrosep.core.quantity import Quantity
 
-__all__ = ["MachiningTime", "machining_time"]
-
 _RPM = 60.0
 
 

@@ -37,8 +37,6 @@ from metrosep.process._plain import finite_positions, length
 from metrosep.process._setting_equations import known_form, polar_gradient, polar_slopes
 from metrosep.process.setting_maps import LARGEST_NOSE, positions
 
-__all__ = ["EdgeProfile", "RoundNose", "rake_error"]
-
 Flank = Literal["conical", "cylindrical"]
 RadiusIn = Literal["face", "projection"]
 Sense = Literal["counterclockwise", "clockwise"]

@@ -26,8 +26,6 @@ from metrosep.process.nose import RoundNose, Sense, checked_nose, smallest_lengt
 from metrosep.process.setting_maps import map_extent, polar_axes
 from metrosep.process.tips import Edge, tips
 
-__all__ = ["NoseCheck", "clearance_check", "gouge_check", "window_check"]
-
 Travel = Literal["growing", "falling", "both"]
 
 _MOST, _USUAL, _FEWEST_AZIMUTHS = 5_000_000, 300_000, 12

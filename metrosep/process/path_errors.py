@@ -41,13 +41,6 @@ if TYPE_CHECKING:
 
     from metrosep.process.path_points import SpiralPath
 
-__all__ = [
-    "PathErrorMap",
-    "estimated_points",
-    "sine_path_error",
-    "sine_path_step",
-]
-
 _TURN = 2.0 * math.pi
 _MOST_PIXELS = 5000
 """Along a side of a surface: about 2 GB while it is made."""

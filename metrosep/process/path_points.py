@@ -28,17 +28,6 @@ from metrosep.process.interpolation import (
 )
 from metrosep.process.path_errors import PathErrorMap, course_of, errors_along
 
-__all__ = [
-    "CountCurve",
-    "Distribution",
-    "PathPoints",
-    "PointPlan",
-    "Sense",
-    "SpiralPath",
-    "errors_by_count",
-    "points_for_tolerance",
-]
-
 _GROWTH = 1.25
 _IN_A_ROW = 3
 """So many counts in a row that hold are not luck."""

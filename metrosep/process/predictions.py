@@ -24,14 +24,6 @@ from metrosep.process.follow_ups import drawn_pv, square_root
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "BudgetTotal",
-    "Contribution",
-    "ErrorBudget",
-    "Prediction",
-    "pv_quantities",
-]
-
 DRAWS, SEED = 4000, 20080415
 LIKELY = (0.025, 0.975)
 """Quantiles of the interval of a Monte Carlo."""

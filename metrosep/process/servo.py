@@ -20,8 +20,6 @@ from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError
 from metrosep.process._plain import complete, frozen, uniform_time
 
-__all__ = ["Gains", "ServoModel", "error_ratio", "retuned_error"]
-
 _WHY = "a servo model needs every sample"
 
 

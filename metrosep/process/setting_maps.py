@@ -35,8 +35,6 @@ from metrosep.process._plain import (
 )
 from metrosep.process._setting_equations import FACTORS, exact_cut, height_errors, known_form
 
-__all__ = ["SettingError", "SettingTolerance", "setting_tolerance"]
-
 Mesh = Literal["polar", "square"]
 
 DEFAULT_RADIUS = 500e-6
@@ -501,6 +499,7 @@ def checked_uncertainty(value: Any, name: str) -> float | None:
 
 
 def checked_covariance(cov: ArrayLike) -> FloatArray:
+    """Return the covariance of (dx, dy, dR), read-only; an infinite variance says "not measured"."""
     array = real_array(cov, "cov")
     if array.shape != (3, 3):
         raise InvalidSamplesError(f"cov must be 3 x 3 for (dx, dy, dR), got shape {array.shape}")

@@ -20,9 +20,6 @@ from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.quantity import Quantity
 from metrosep.process._plain import Frozen
 
-__all__ = ["StaticComparison", "compare_static"]
-
-
 _MIN_SAMPLES = 64
 _RESAMPLES = 300
 _SEED = 20260101

@@ -24,21 +24,6 @@ from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.process._plain import Frozen, frozen
 
-__all__ = [
-    "MOST_TRIED",
-    "Curves",
-    "RunPolynomial",
-    "StraightnessLines",
-    "basis_of",
-    "best_degree",
-    "degree_scores",
-    "left_by",
-    "run_polynomial",
-    "solve",
-    "straightness_lines",
-    "to_unit",
-]
-
 _LINES = {"end-point": "EP", "least-squares": "LS", "minimum-zone": "MZ"}
 _FEW = 10
 """Runs up to which a message says what their number does to a coverage factor."""

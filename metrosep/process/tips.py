@@ -39,8 +39,6 @@ from metrosep.process.setting_maps import plausible_places
 if TYPE_CHECKING:
     from metrosep.process.tool_settings import ToolSetting
 
-__all__ = ["TipPath", "TipSurface", "tip_path"]
-
 _SAMPLES = 40
 """Samples of the edge per radius of the nose, as many as the mesh of `gouge_check` has."""
 _PER_LENGTH = 4

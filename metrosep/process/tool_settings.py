@@ -69,8 +69,6 @@ from metrosep.process.setting_maps import (
     square_axes,
 )
 
-__all__ = ["SettingFit", "ToolSetting", "identify_setting"]
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ToolSetting(PublicObject):

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from metrosep.recipe.schema import Place
     from metrosep.separation.runs.base import ErrorEstimate
 
-__all__ = ["DECISION_RULE", "characteristics", "judged"]
-
 _OF_FIT = "fit residual"
 
 DECISION_RULE = (

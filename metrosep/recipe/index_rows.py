@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-__all__ = ["NUMBERS", "index_columns", "index_rows"]
-
 NUMBERS = frozenset({"value", "lower", "upper", "U"})
 """Columns that hold numbers, in the unit of the column ``unit``; the others hold texts."""
 

@@ -22,8 +22,6 @@ from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.options import option, options_of
 from metrosep.recipe.report_fields import checked_languages, checked_table
 
-__all__ = ["PAGES", "Look", "clean_svg", "read_look"]
-
 PAGES = ("A4", "letter")
 _LOGO_BYTES = 512 * 1024
 _LONGEST_LINE = 200

@@ -31,16 +31,6 @@ from metrosep.core.units import PIXEL, Pixels, format_length
 from metrosep.recipe.pipeline import lost_pixels
 from metrosep.recipe.schema import Place
 
-__all__ = [
-    "MOST_SECTIONS",
-    "SECTIONS",
-    "MapSection",
-    "check_sections",
-    "heights_along",
-    "section_metrics",
-    "section_of",
-]
-
 MOST_SECTIONS = 64
 """Of a recipe; each is read anew from the whole map."""
 

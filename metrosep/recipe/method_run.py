@@ -59,8 +59,6 @@ from metrosep.separation.inputs import require_count
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["load_inputs", "run_method", "sources"]
-
 
 def run_method(
     recipe: Recipe,

@@ -27,7 +27,7 @@ from metrosep.core.provenance import hash_bytes
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length, parse_quantity
 from metrosep.recipe.methods.turned import lengths_only
-from metrosep.recipe.pipeline import STEPS as MEASURING, checked_step
+from metrosep.recipe.pipeline import MEASURING, checked_step
 from metrosep.recipe.preflight import (
     RESULT_NAME,
     machine_limits,
@@ -44,23 +44,6 @@ from metrosep.separation.runs.base import ErrorEstimate
 if TYPE_CHECKING:
     from metrosep.controllers.base import Prepared
     from metrosep.recipe.recipe import Recipe
-
-__all__ = [
-    "WrittenTable",
-    "active_of",
-    "carried_of",
-    "dry_runs",
-    "machine_of",
-    "make_carried",
-    "make_table",
-    "polynomial_of",
-    "recipe_hash",
-    "require_free",
-    "staged",
-    "temporary_folder",
-    "write_reports",
-    "write_tables",
-]
 
 Progress = Callable[[str], None]
 
@@ -503,7 +486,7 @@ def _filled(step: Mapping[str, Any]) -> dict[str, Any]:
 
 def _goes(step: Mapping[str, Any], key: str, value: Any) -> bool:
     """Whether a default may be written out in this step: it goes with the other keys."""
-    from metrosep.recipe.pipeline import StepError
+    from metrosep.recipe.pipeline_checks import StepError
 
     if key in step:
         return False

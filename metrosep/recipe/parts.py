@@ -28,16 +28,6 @@ if TYPE_CHECKING:
     from metrosep.recipe.schema import Place
 
 
-__all__ = [
-    "input_records",
-    "named_files",
-    "order_notes",
-    "order_words",
-    "parts_in_order",
-    "write_arrays",
-    "write_parts",
-]
-
 _TEXT = ("", ".csv", ".txt", ".dat")
 _HDF5 = ".h5"
 

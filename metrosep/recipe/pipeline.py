@@ -41,23 +41,6 @@ from metrosep.recipe.pipeline_checks import (
 from metrosep.recipe.pipeline_mask import Measured, masked, without_outliers
 from metrosep.recipe.schema import Place
 
-__all__ = [
-    "APPLY",
-    "STEPS",
-    "CancelledError",
-    "Done",
-    "PipelineOp",
-    "Stage",
-    "StepError",
-    "checked_step",
-    "lost_pixels",
-    "measuring_steps",
-    "run_step",
-    "run_steps",
-    "schema",
-    "usual_names",
-]
-
 Tell = Callable[[str], None]
 
 
@@ -102,7 +85,7 @@ class PipelineOp:
 
 _ENABLED = Option("flag", help="false: the step is skipped", default=True)
 
-STEPS: Mapping[str, PipelineOp] = {
+MEASURING: Mapping[str, PipelineOp] = {
     op.op: op
     for op in (
         PipelineOp(
@@ -199,7 +182,7 @@ def schema() -> dict[str, Any]:
                 "applies": list(op.applies),
                 "keys": described_keys(op.all_keys),
             }
-            for op in STEPS.values()
+            for op in MEASURING.values()
         ]
     }
 
@@ -213,10 +196,10 @@ def checked_step(step: Mapping[str, Any]) -> dict[str, Any]:
     0.0005
     """
     op = step.get("op")
-    if not isinstance(op, str) or op not in STEPS:
-        raise StepError(f"a step has op = one of {', '.join(STEPS)}, got {op!r}", "op")
+    if not isinstance(op, str) or op not in MEASURING:
+        raise StepError(f"a step has op = one of {', '.join(MEASURING)}, got {op!r}", "op")
     given = {k: v for k, v in step.items() if k != "op"}
-    values = {"op": op, **normal_values(given, STEPS[op].all_keys, f"a step {op}")}
+    values = {"op": op, **normal_values(given, MEASURING[op].all_keys, f"a step {op}")}
     CHECKS[op](values)
     return values
 
@@ -228,10 +211,10 @@ def measuring_steps(
     checked = []
     for i, step in enumerate(steps):
         place = place_of(i)
-        if step["op"] not in STEPS:
+        if step["op"] not in MEASURING:
             raise place.error(
                 f'op = "{step["op"]}" does not go with steps that measure one map or profile '
-                f"({', '.join(STEPS)}); put it into a recipe of its own",
+                f"({', '.join(MEASURING)}); put it into a recipe of its own",
                 "op",
             )
         try:
@@ -278,7 +261,7 @@ def run_step(
     op = options["op"]
     if not options.get("enabled", True):
         return Stage(op, index, enabled=False, obj=obj)
-    if type(obj).__name__ not in STEPS[op].applies:
+    if type(obj).__name__ not in MEASURING[op].applies:
         kind, other = ("map", "surface") if isinstance(obj, Surface) else ("profile", "line")
         raise StepError(f"{op} does not belong to a {kind}; take {other}_profile", "op")
     lost = lost_pixels(before, options)

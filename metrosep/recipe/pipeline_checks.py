@@ -19,22 +19,6 @@ from metrosep.recipe.schema import DIMENSIONS
 if TYPE_CHECKING:
     from metrosep.parameters.table import ParameterTable
 
-__all__ = [
-    "CHECKS",
-    "EVALUATING",
-    "FILTER_KEYS",
-    "OF_STEP",
-    "Evaluating",
-    "StepError",
-    "described_keys",
-    "form_options",
-    "iso_filtered",
-    "known_unit",
-    "makes_metric",
-    "normal_values",
-    "parameter_tables",
-]
-
 USUAL_OF_MAPS = ("PV", "RMS", "Sa", "Sq", "Sz", "Ssk", "Sku")
 USUAL_OF_PROFILES = ("a", "q", "z", "t", "sk", "ku")
 """Parameters that are evaluated where none are named; those of profiles behind P, W or R."""

@@ -25,15 +25,6 @@ from metrosep.core.regions import (
 from metrosep.core.surface import Surface
 from metrosep.core.units import PIXEL, Pixels, format_ends
 
-__all__ = [
-    "SMOOTH",
-    "Measured",
-    "masked",
-    "middle_of",
-    "without_outliers",
-    "without_points",
-]
-
 Flags = NDArray[np.bool_]
 Measured = Surface | Profile
 

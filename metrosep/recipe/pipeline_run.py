@@ -19,8 +19,8 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.recipe.pipeline import Stage, StepError, run_step
-from metrosep.recipe.pipeline_checks import SPECTRUM
+from metrosep.recipe.pipeline import Stage, run_step
+from metrosep.recipe.pipeline_checks import SPECTRUM, StepError
 from metrosep.recipe.pipeline_mask import Measured
 from metrosep.recipe.report_fields import report_of
 from metrosep.recipe.schema import COMMAND, reading_options
@@ -30,16 +30,6 @@ if TYPE_CHECKING:
     from metrosep.recipe.map_sections import MapSection
     from metrosep.recipe.recipe import Recipe
     from metrosep.recipe.result import Result
-
-__all__ = [
-    "Measurement",
-    "judge_measurement",
-    "measure_object",
-    "measured_result",
-    "run_pipeline",
-    "step_error",
-    "with_sections",
-]
 
 Tell = Callable[[str], None]
 

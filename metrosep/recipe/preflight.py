@@ -27,25 +27,13 @@ from metrosep.core.readable import PREFIXED, said_value, typed_number
 from metrosep.core.units import parse_quantity
 from metrosep.parameters.decision import decide
 from metrosep.recipe.methods.turned import AVERAGED, TurnedRuns
-from metrosep.recipe.pipeline import STEPS as MEASURING, lost_pixels
+from metrosep.recipe.pipeline import MEASURING, lost_pixels
 from metrosep.recipe.pipeline_checks import EVALUATING, SPECTRUM, known_unit, makes_metric
 from metrosep.recipe.result import POSITIONING
 from metrosep.recipe.schema import COMMAND, Place
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
-
-__all__ = [
-    "RESULT_NAME",
-    "check_recipe",
-    "guard_notes",
-    "limit_errors",
-    "machine_limits",
-    "output_name",
-    "report_formats",
-    "report_name",
-    "require_limits",
-]
 
 RESULT_NAME = "result.json"
 

@@ -15,8 +15,6 @@ from metrosep.recipe.steps import PROGRAM_FILE, PROGRAM_PROOF
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["program_names", "refuse_replaced", "try_programs", "write_programs"]
-
 
 def try_programs(recipe: Recipe, produced: Any, tell: Callable[[str], None]) -> list[str]:
     """Return what the virtual parts of the programs say; the files are written nowhere that lasts."""

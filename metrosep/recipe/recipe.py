@@ -23,7 +23,7 @@ from metrosep.core.plugins import entries
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.readable import did_you_mean, said_value
 from metrosep.recipe.methods.turned import TurnedRuns, turning_axis
-from metrosep.recipe.pipeline import measuring_steps
+from metrosep.recipe.pipeline import MEASURING, measuring_steps
 from metrosep.recipe.preflight import check_recipe, require_limits
 from metrosep.recipe.report_fields import checked_report, typed_fields
 from metrosep.recipe.result import Result
@@ -40,7 +40,6 @@ from metrosep.recipe.steps import (
     ALL_STEPS,
     CHECK,
     INPUT,
-    MEASURING,
     MEASURING_INPUT,
     METHOD_CHECK,
     METHOD_OUTPUTS,
@@ -56,12 +55,6 @@ from metrosep.recipe.written.extends import (
     overrides_in,
 )
 from metrosep.recipe.written.overrides import with_overrides
-
-__all__ = [
-    "Recipe",
-    "several_tables",
-    "without_view_block",
-]
 
 PathLike = str | os.PathLike[str]
 Progress = Callable[[str], None]

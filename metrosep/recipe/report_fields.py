@@ -22,26 +22,6 @@ from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.options import Option, checked, not_one_of, option, options_of
 from metrosep.core.readable import did_you_mean, said_value
 
-__all__ = [
-    "KINDS_OF_REPORT",
-    "LANGUAGES",
-    "ORIGINS",
-    "ReportFields",
-    "checked_languages",
-    "checked_report",
-    "checked_table",
-    "flat_fields",
-    "is_draft",
-    "measured_at",
-    "missing_fields",
-    "problems_of",
-    "report_hash",
-    "report_of",
-    "report_tables",
-    "stated_report",
-    "typed_fields",
-]
-
 KINDS_OF_REPORT = ("test report", "calibration certificate", "inspection report")
 LANGUAGES = ("en", "de", "zh", "ja")
 PLACES = ("laboratory", "customer", "laboratory branch", "customer branch", "other")

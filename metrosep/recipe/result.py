@@ -33,21 +33,6 @@ if TYPE_CHECKING:
     from metrosep.separation.runs.base import ErrorEstimate
 
 
-__all__ = [
-    "POSITIONING",
-    "SCHEMA",
-    "Result",
-    "clean",
-    "document_text",
-    "is_positioning",
-    "load_document",
-    "measured_runs",
-    "plot_data",
-    "run_records",
-    "stored_estimate",
-    "versions",
-]
-
 SCHEMA = "metrosep.result/1"
 POSITIONING = "iso230_2"
 """The method whose cycles are the errors of an axis along itself."""
@@ -189,27 +174,7 @@ def clean(value: Any) -> Any:
 
 
 def load_document(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return the content of a result.json.
-
-    Parameters
-    ----------
-    path : str or path
-        The file, or the folder that holds ``result.json``.
-
-    Returns
-    -------
-    dict
-        The document.
-
-    Raises
-    ------
-    FileMissingError
-        If there is no such file.
-    ReadError
-        If it cannot be read.
-    CorruptFileError
-        If it is not a result of this schema.
-    """
+    """Return the content of a result.json."""
     target = Path(path)
     if target.is_dir():
         target = target / "result.json"

@@ -44,15 +44,6 @@ from metrosep.separation.runs.base import ErrorEstimate
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = [
-    "input_files",
-    "read_inputs",
-    "run_recipe",
-    "separate_inputs",
-    "separated_result",
-    "table_basis",
-]
-
 PathLike = str | os.PathLike[str]
 Progress = Callable[[str], None]
 

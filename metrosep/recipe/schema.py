@@ -18,26 +18,6 @@ from metrosep.core.readable import did_you_mean, digits_of, said_value, typed_nu
 from metrosep.core.text_options import ROW_ORDERS, TEXT_OPTIONS
 from metrosep.core.units import SURROUNDINGS, TYPICAL
 
-__all__ = [
-    "BATCH",
-    "COMMAND",
-    "CURVES",
-    "DIMENSIONS",
-    "INDEX_FORMATS",
-    "LAYOUT",
-    "MAPS",
-    "Field",
-    "Place",
-    "batch_table",
-    "blanked_texts",
-    "checked_table",
-    "input_fields",
-    "placeholder",
-    "reading_options",
-    "shown",
-]
-
-
 COMMAND = "command line"
 """Name of a recipe that a command makes: its lines mean nothing to who typed the command."""
 
@@ -64,18 +44,7 @@ class Place:
     number: int = 0
 
     def line_of(self, key: str | None) -> int | None:
-        """Return the line of a key of this table, or of its header, from 1.
-
-        Parameters
-        ----------
-        key : str or None
-            The key; the header if None or not found.
-
-        Returns
-        -------
-        int or None
-            Line number.
-        """
+        """Return the line of a key of this table, or of its header, from 1."""
         lines = blanked_texts(self.text).splitlines()
         first, header = self._first_line(lines)
         if first is None:

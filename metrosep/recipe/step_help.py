@@ -22,20 +22,6 @@ if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
 
-__all__ = [
-    "StepKeys",
-    "described_steps",
-    "in_recipe_words",
-    "in_words",
-    "key_words",
-    "keys_of_step",
-    "kind_words",
-    "reading_words",
-    "recipe_words",
-    "step_words",
-]
-
-
 def kind_words(kind: str) -> str:
     """Return what a value of a kind looks like.
 
@@ -106,8 +92,9 @@ class StepKeys:
 def keys_of_step(op: str) -> StepKeys | None:
     """Return the keys of a step."""
     from metrosep.core.methods import METHODS
+    from metrosep.recipe.pipeline import MEASURING
     from metrosep.recipe.schema import input_fields
-    from metrosep.recipe.steps import INPUT, MEASURING, MEASURING_INPUT, STEPS
+    from metrosep.recipe.steps import INPUT, MEASURING_INPUT, STEPS
 
     if op in STEPS:
         columns = frozenset({"x", "z", "feed", "run", "direction", "time"})

@@ -10,30 +10,12 @@ from metrosep.core.methods import METHODS
 from metrosep.core.options import options_of
 from metrosep.core.text_options import ROW_ORDERS
 from metrosep.recipe.methods.plan import PLAN
-from metrosep.recipe.pipeline import STEPS as MEASURING
+from metrosep.recipe.pipeline import MEASURING
 from metrosep.recipe.schema import LAYOUT, Field
 from metrosep.separation.positions.expansion import Expansion
 from metrosep.separation.positions.laser_options import READ_AS, SETUP
 from metrosep.separation.positions.pitch import REFERENCE_DIRECTIONS
 from metrosep.separation.runs.options import RUN_OPTIONS
-
-__all__ = [
-    "ALL_STEPS",
-    "CHECK",
-    "INPUT",
-    "MEASURING",
-    "MEASURING_INPUT",
-    "METHOD_CHECK",
-    "METHOD_OUTPUTS",
-    "METRICS",
-    "OPERATOR",
-    "OUTPUTS",
-    "PROGRAM_FILE",
-    "PROGRAM_PROOF",
-    "STEPS",
-    "TOP",
-    "WHAT",
-]
 
 TOP = {
     "metrosep": Field("integer", required=True),

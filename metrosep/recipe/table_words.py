@@ -13,8 +13,6 @@ from contextlib import contextmanager
 from metrosep.core.errors import MetrosepError
 from metrosep.core.readable import NUMBER
 
-__all__ = ["ARGUMENT", "in_table_words", "table_words", "waived"]
-
 ARGUMENT = re.compile(r"(?<![\w.\-\"'])([a-z_]+)=(?!=)('[^']*'|\"[^\"]*\"|[-+]?[\w.]*\w)?")
 
 _WAIVED = re.compile(r"say waive='([^']*)'")

@@ -31,8 +31,6 @@ from metrosep.report.text import (
     printing,
 )
 
-__all__ = ["render_dfq", "write_dfq"]
-
 _BETWEEN, _FIELD = "\x0f", "\x14"
 _VALID, _NOT_MEASURED = "0", "256"
 _ENCODING = "cp1252"

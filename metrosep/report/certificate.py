@@ -40,19 +40,6 @@ from metrosep.report.text import (
     stamp,
 )
 
-__all__ = [
-    "bar_of",
-    "catalogue",
-    "certificate",
-    "fields_of",
-    "origins_of",
-    "picture_words",
-    "quoted",
-    "said",
-    "texts_of",
-    "traces",
-]
-
 Document = Mapping[str, Any]
 
 _MOST_ROWS, _MOST_WARNINGS = 8, 3

@@ -26,8 +26,6 @@ from metrosep.report.comparison import (
     table_rows,
 )
 
-__all__ = ["compare_documents", "compare_recipes", "recipe_diff"]
-
 Document = Mapping[str, Any]
 
 _NM = 1e-9

@@ -11,18 +11,6 @@ from metrosep.compensation.area_errors import numbers_of
 from metrosep.core.errors import DataError, UnitError
 from metrosep.core.units import parse_quantity, parse_unit
 
-__all__ = [
-    "TABLE_SCHEMA",
-    "Comparison",
-    "Row",
-    "Tolerances",
-    "compare_tables",
-    "judged_row",
-    "known_number",
-    "largest_difference",
-    "table_rows",
-]
-
 _EVERY = "*"
 _DIMENSIONS = {"m": "length", "rad": "angle", "s": "time", "V": "voltage"}
 

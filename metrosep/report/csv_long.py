@@ -10,8 +10,6 @@ from typing import Any
 from metrosep.core.limits import STATUS_OF_VERDICT
 from metrosep.report.text import cell_text, characteristic_rows, document_writer, one_line
 
-__all__ = ["COLUMNS", "NUMBERS", "long_rows", "render_csv", "write_csv"]
-
 COLUMNS = (
     "file", "part", "serial", "characteristic", "value", "unit", "lower", "upper", "U", "verdict",
     "metric", "u", "guard", "status", "recipe",

@@ -32,8 +32,6 @@ from metrosep.report.certificate import (
 from metrosep.report.schemas import element, require_valid, xml_bytes
 from metrosep.report.text import CharacteristicRow, characteristic_rows, one_line
 
-__all__ = ["dsi_unit", "missing_for_dcc", "render_dcc", "write_dcc"]
-
 Document = Mapping[str, Any]
 
 VERSION = "3.2.1"
@@ -51,21 +49,6 @@ _FACTOR = re.compile(r"([A-Za-z]+)(?:\^?([+-]?\d+))?")
 
 def dsi_unit(unit: str) -> str:
     r"""Return an SI unit as D-SI writes it.
-
-    Parameters
-    ----------
-    unit : str
-        SI unit of a value: ``"m"``, ``"1"``, ``"1/m"``, ``"m^3/m^2"``, ``"m/s"``.
-
-    Returns
-    -------
-    str
-        Such as ``\metre\tothe{-1}``.
-
-    Raises
-    ------
-    DataError
-        If it is not a product of powers of SI units.
 
     Examples
     --------
@@ -90,18 +73,7 @@ def dsi_unit(unit: str) -> str:
 
 
 def missing_for_dcc(document: Document) -> list[str]:
-    """Return which fields a digital certificate needs and the report does not state.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-
-    Returns
-    -------
-    list of str
-        Keys of ``[report]``; empty where nothing is missing.
-    """
+    """Return which fields a digital certificate needs and the report does not state."""
     fields = fields_of(document)
     missing = missing_fields(fields)
     lab, customer = fields.get("laboratory") or {}, fields.get("customer") or {}
@@ -122,29 +94,7 @@ def missing_for_dcc(document: Document) -> list[str]:
 
 
 def render_dcc(document: Document, *, pdf: bytes | None = None) -> bytes:
-    """Return the digital certificate of an issued report.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json, its report with number, date and person.
-    pdf : bytes, optional
-        The page that a person reads; made by `metrosep.report.render_pdf` if omitted.
-
-    Returns
-    -------
-    bytes
-        XML in UTF-8; the same document gives the same bytes.
-
-    Raises
-    ------
-    RecipeError
-        If the report is a draft, or a field is missing.
-    DataError
-        If a unit has no name in D-SI.
-    UnsupportedFeatureError
-        If the page is to be made and typst is not installed.
-    """
+    """Return the digital certificate of an issued report."""
     missing = missing_for_dcc(document)
     if missing:
         raise RecipeError(
@@ -181,32 +131,7 @@ def write_dcc(
     *,
     schemas: str | os.PathLike[str] | None = None,
 ) -> Path:
-    """Write the digital certificate of an issued report; it appears whole or not at all.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json, its report with number, date and person.
-    path : str or path
-        File.
-    schemas : str or path, optional
-        Folder with the published schemas (DCC, D-SI, XML signature), against which the certificate is
-        checked before it is written.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    RecipeError, DataError
-        As `render_dcc`.
-    UnsupportedFeatureError
-        If typst, or what checks schemas, is not installed.
-    WriteError
-        If it does not fit the schema or cannot be written.
-    """
+    """Write the digital certificate of an issued report; it appears whole or not at all."""
     made = render_dcc(document)
     if schemas is not None:
         require_valid(made, Path(schemas), "dcc")

@@ -29,8 +29,6 @@ from metrosep.report.view import view
 if TYPE_CHECKING:
     from jinja2 import Template
 
-__all__ = ["captions_of", "figures_of", "is_narrow", "page_template", "render_html", "write_html"]
-
 
 def render_html(document: Mapping[str, Any]) -> str:
     """Return the report of a result.

@@ -44,16 +44,6 @@ from metrosep.report.text import (
     stamp,
 )
 
-__all__ = [
-    "Series",
-    "link_of",
-    "render_index",
-    "require_index",
-    "series_of",
-    "status_stamp",
-    "write_index",
-]
-
 Document = Mapping[str, Any]
 
 _ORDER = ("failed", "refused", "rejected", "inconclusive", "measured", "accepted")

@@ -14,8 +14,6 @@ from typing import Any
 from metrosep.core.atomic import RECIPE_BYTES, atomic_write, read_plain, take_lock
 from metrosep.core.errors import CorruptFileError, RecipeError, WriteError
 
-__all__ = ["Register"]
-
 SCHEMA = "metrosep.issue/1"
 NAME = "issue.json"
 _LOCK = ".metrosep-issue.lock"

@@ -20,15 +20,6 @@ from metrosep.report.comparison import known_number
 from metrosep.report.index import require_index
 from metrosep.report.text import document_writer
 
-__all__ = [
-    "INDEX_SCHEMA",
-    "SCHEMA",
-    "render_index_parquet",
-    "render_parquet",
-    "write_index_parquet",
-    "write_parquet",
-]
-
 SCHEMA = "metrosep.characteristics/1"
 """Of the characteristics of results."""
 

@@ -33,8 +33,6 @@ from metrosep.report.certificate import (
 from metrosep.report.schemas import element, require_valid, xml_bytes
 from metrosep.report.text import CharacteristicRow, characteristic_rows, exchange_names, one_line
 
-__all__ = ["render_qif", "write_qif"]
-
 Document = Mapping[str, Any]
 
 _QIF = "http://qifstandards.org/xsd/qif3"

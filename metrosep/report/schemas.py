@@ -13,8 +13,6 @@ from xml.etree import ElementTree as ET
 
 from metrosep.core.errors import UnsupportedFeatureError, WriteError
 
-__all__ = ["element", "require_valid", "schema_in", "xml_bytes"]
-
 _ROOTS = {"dcc": "dcc*.xsd", "qif": "QIFDocument.xsd"}
 _MOST = 4
 """Faults that a message names."""

@@ -23,33 +23,6 @@ from metrosep.core.units import format_length
 from metrosep.recipe.step_help import step_words
 from metrosep.report.comparison import known_number
 
-__all__ = [
-    "SEPARATED_NOTE",
-    "CharacteristicRow",
-    "Printing",
-    "Stamp",
-    "capital",
-    "cell_text",
-    "characteristic_rows",
-    "decimals_for",
-    "document_writer",
-    "length",
-    "limits_text",
-    "names_said",
-    "not_seen",
-    "number",
-    "one_line",
-    "plan_rows",
-    "printing",
-    "readable_unit",
-    "rounded_pair",
-    "separation_audit",
-    "separation_rows",
-    "size",
-    "span",
-    "stamp",
-]
-
 _MISSING = "–"
 
 

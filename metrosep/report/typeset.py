@@ -25,8 +25,6 @@ from metrosep.report.html import captions_of, figures_of, is_narrow, split_main
 from metrosep.report.text import capital, document_writer, one_line
 from metrosep.report.view import view
 
-__all__ = ["PDF_STANDARDS", "render_pdf", "write_pdf", "write_plain_pdf"]
-
 PDF_STANDARDS = ("a-2b", "a-3b")
 """For archives. PDF/A-2b may hold no attachment, so the result is left out of it."""
 

@@ -46,8 +46,6 @@ from metrosep.report.text import (
     stamp,
 )
 
-__all__ = ["view"]
-
 Document = Mapping[str, Any]
 
 _METHODS = {

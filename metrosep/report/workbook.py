@@ -26,14 +26,6 @@ from metrosep.report.text import (
 )
 from metrosep.report.view import view
 
-__all__ = [
-    "new_workbook",
-    "render_workbook",
-    "write_index_workbook",
-    "write_text",
-    "write_workbook",
-]
-
 Workbook = Any
 Worksheet = Any
 """Of xlsxwriter, which has no type hints."""

@@ -9,18 +9,12 @@ from typing import Any, ClassVar
 
 from numpy.typing import ArrayLike
 
-from metrosep.core.docs import described_by
 from metrosep.core.numbers import not_negative
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.public import PublicObject
 from metrosep.core.quantity import Quantity
 from metrosep.separation._readings import plain, reduced
-from metrosep.separation.contract import History, Parts, Separation, SeparationMethod
-
-__all__ = [
-    "History", "Parts", "RecordedMethod", "StoredResult", "as_stated", "described_by", "not_known",
-    "pooled", "settle", "type_a",
-]  # fmt: skip
+from metrosep.separation.contract import History, Separation, SeparationMethod
 
 
 class RecordedMethod(SeparationMethod):

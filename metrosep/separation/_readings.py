@@ -33,19 +33,6 @@ from metrosep.core.surface import Surface
 if TYPE_CHECKING:
     from metrosep.separation.contract import SeparationMethod
 
-__all__ = [
-    "LONG_WAVE",
-    "checked_count",
-    "checked_feeds",
-    "checked_sd",
-    "checked_seed",
-    "checked_wavelengths",
-    "plain",
-    "positive",
-    "real_numbers",
-    "reduced",
-]
-
 NOISE_UNKNOWN = (
     "the noise of a reading is not known, so no uncertainty is stated: give repeats, or u_reading"
 )

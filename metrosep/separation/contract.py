@@ -34,11 +34,6 @@ from metrosep.separation.covariance import CovarianceModes
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "U_READING", "History", "NamedMethod", "Parts", "Separation", "SeparationMethod", "Unobservable", "as_rows",
-    "over_line", "over_turn", "suppressed_harmonics",
-]  # fmt: skip
-
 History = tuple[Step, ...]
 Parts = Mapping[str, ArrayLike]
 """Parts of a simulation by name."""

@@ -26,8 +26,6 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 
-__all__ = ["CovarianceModes"]
-
 _MAX_NODES = 241
 """Nodes over the travel: with so many modes a stored result grows by less than 100 kB."""
 

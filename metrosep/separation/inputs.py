@@ -26,8 +26,6 @@ from metrosep.core.surface import Surface
 from metrosep.separation.contract import Separation
 from metrosep.separation.runs.base import ErrorEstimate
 
-__all__ = ["method_of_results", "require_count", "separate_named"]
-
 _RUNS = ("joint", "kono", "mean")
 
 

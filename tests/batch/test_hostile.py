@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from metrosep.batch import run_batch, work
-from metrosep.batch.loop import WorkerDiedError
 from metrosep.batch.units import Unit, files_read
-from metrosep.batch.work import as_reason, exit_code_of, worth_another_try
+from metrosep.batch.work import WorkerDiedError, as_reason, exit_code_of, worth_another_try
 from metrosep.core.errors import RecipeError
 from metrosep.recipe import Recipe
 from metrosep.recipe.run import run_recipe

@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 import metrosep as ms
 from metrosep.cli.geometry import GEOMETRY
 from metrosep.core.methods import METHODS
-from metrosep.recipe.steps import MEASURING
+from metrosep.recipe.pipeline import MEASURING
 
 UM = 1e-6
 CLOSE = 1e-9

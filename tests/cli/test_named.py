@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.methods import METHODS
-from metrosep.recipe.pipeline import STEPS as PIPELINE
+from metrosep.recipe.pipeline import MEASURING as PIPELINE
 
 N = 24
 ANGLE = 2 * np.pi * np.arange(N) / N

@@ -168,24 +168,25 @@ def test_no_module_is_longer_than_a_reader_can_hold(repository):
     assert not {path: n for path, n in lengths.items() if n > LONGEST_MODULE}
 
 
-def test_every_module_states_its_public_names(modules):
-    without = [
+def test_what_is_public_stands_once_in_the_package(modules):
+    """A list in a module is a second one that nobody compares: it had missed 1,165 names."""
+    of_others = ("separation/runs/", "machine/", "forms/", "parameters/", "spectral/")
+    public = ("metrosep/core/errors.py",)  # `metrosep.errors` is its public name
+    lists = [
         path
         for path, tree in modules.items()
-        if not path.endswith("__init__.py")
-        and not path.rsplit("/", 1)[1].startswith("_")
-        and "__all__" not in {t for node in tree.body for t in _assigned(node)}
+        if not path.endswith(("__init__.py", *public))
+        and not any(f"metrosep/{room}" in path for room in of_others)
+        and any(_assigns_all(node) for node in tree.body)
     ]
 
-    assert not without
+    assert not lists
 
 
 def test_every_module_has_a_docstring(modules):
     assert not [path for path, tree in modules.items() if not ast.get_docstring(tree)]
 
 
-def _assigned(node: ast.stmt) -> list[str]:
-    if isinstance(node, ast.ImportFrom) and node.names[0].name == "*":
-        return ["__all__"]  # a second name for a module that states its own
+def _assigns_all(node: ast.stmt) -> bool:
     targets = getattr(node, "targets", None) or [getattr(node, "target", None)]
-    return [target.id for target in targets if isinstance(target, ast.Name)]
+    return any(isinstance(target, ast.Name) and target.id == "__all__" for target in targets)

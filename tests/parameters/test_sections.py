@@ -5,9 +5,10 @@ import pytest
 
 from metrosep import Profile, read
 from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.filters._arguments import SHORTFALL
 from metrosep.filters.chain import roughness
 from metrosep.parameters.profile import profile_parameters
-from metrosep.parameters.sections import SHORTFALL, sections_in, sections_that_fit
+from metrosep.parameters.sections import sections_in, sections_that_fit
 
 UM, MM = 1e-6, 1e-3
 SAME = 1e-9  # relative; lengths of whole samples

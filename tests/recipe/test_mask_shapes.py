@@ -5,7 +5,8 @@ import pytest
 
 import metrosep as ms
 from metrosep.core.errors import DataError, TooFewSamplesError
-from metrosep.recipe.pipeline import StepError, run_steps
+from metrosep.recipe.pipeline import run_steps
+from metrosep.recipe.pipeline_checks import StepError
 
 UM = 1e-6
 GRID = (200, 300)

@@ -8,7 +8,8 @@ import pytest
 import metrosep as ms
 from metrosep.core.errors import DataError, InvalidSamplesError, MetrosepError, TooFewSamplesError
 from metrosep.recipe import pipeline
-from metrosep.recipe.pipeline import STEPS, StepError, run_steps
+from metrosep.recipe.pipeline import MEASURING, run_steps
+from metrosep.recipe.pipeline_checks import StepError
 from metrosep.recipe.pipeline_mask import middle_of, neighbour_deviation
 
 NM = 1e-9
@@ -573,10 +574,10 @@ def test_nothing_measured_is_an_error_of_each_step():
 
 def test_schema_is_plain_and_says_everything_a_form_needs():
     again = json.loads(json.dumps(pipeline.schema()))
-    assert [s["op"] for s in again["steps"]] == list(STEPS)
+    assert [s["op"] for s in again["steps"]] == list(MEASURING)
     for step in again["steps"]:
         assert step["what"]
-        assert {k["name"] for k in step["keys"]} | {"op"} == set(STEPS[step["op"]].fields)
+        assert {k["name"] for k in step["keys"]} | {"op"} == set(MEASURING[step["op"]].fields)
         for key in step["keys"]:
             assert key["help"], key["name"]
     keys = {k["name"]: k for k in again["steps"][3]["keys"]}
@@ -599,13 +600,13 @@ NEEDED = {
 }
 
 
-@pytest.mark.parametrize("op", STEPS)
+@pytest.mark.parametrize("op", MEASURING)
 def test_a_stated_default_is_what_happens_without_it(op):
     step, data = NEEDED[op], sphere_map()
     if op == "line_profile":
         data = ms.Profile(np.linspace(-1, 1, 101) * 1e-3, np.zeros(101))
     plain = done(data, step)
-    for name, key in STEPS[op].all_keys.items():
+    for name, key in MEASURING[op].all_keys.items():
         if (
             key.default is None
             or name in step

@@ -8,9 +8,9 @@ from acceptance.coverage.judge import metrosep_joint
 from acceptance.coverage.machine import Machine, Mode, simulate
 
 from metrosep import Run, RunSet
+from metrosep.core._arrays import benjamini_hochberg
 from metrosep.errors import DegenerateFitError, NotSeparableError, UnitError
 from metrosep.separation import separate
-from metrosep.separation.runs.joint import benjamini_hochberg
 
 NM = 1.0
 """Scores of the contract machine are in nm."""

@@ -48,25 +48,6 @@ from metrosep.core.errors import (
     WriteError,
 )
 
-__all__ = [
-    "Columns",
-    "Mover",
-    "Outside",
-    "Settings",
-    "carried",
-    "check_digits",
-    "check_files",
-    "check_size",
-    "check_turns",
-    "check_way",
-    "open_program",
-    "pieces",
-    "read_columns",
-    "require_hash",
-    "require_uncorrected",
-    "require_unmarked",
-]
-
 _BYTES = 1 << 21
 """Bytes that are looked at together: some 60 000 blocks."""
 

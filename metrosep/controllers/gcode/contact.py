@@ -19,8 +19,6 @@ from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.units import format_length
 
-__all__ = ["Lookup", "NosePath", "PathPlaces", "RadialForm"]
-
 Lookup = Callable[[FloatArray, FloatArray], FloatArray]
 
 _NOSE_STEPS, _NOSE_STEP, _NOSE_ROUNDING = 12, 1e-4, 1e-7

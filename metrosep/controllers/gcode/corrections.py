@@ -28,17 +28,6 @@ from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 
-__all__ = [
-    "MAX_LOOKS",
-    "MAX_PARTS",
-    "PathCorrection",
-    "as_path_correction",
-    "chord_errors",
-    "error_correction",
-    "nose_correction",
-    "part_counts",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class PathCorrection:

@@ -26,8 +26,6 @@ from metrosep.core.options import option
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 
-__all__ = ["LatheAxes", "rounding_error"]
-
 CPositive = Literal["workpiece ccw", "tool ccw"]
 ToolSide = Literal["+X", "-X"]
 XWords = Literal["radius", "diameter"]

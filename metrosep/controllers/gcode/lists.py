@@ -43,8 +43,6 @@ from metrosep.core.errors import (
     UnitError,
 )
 
-__all__ = ["PointResult", "rewrite_points"]
-
 PathLike = str | os.PathLike[str]
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "inch": 25.4e-3, "in": 25.4e-3}
@@ -471,6 +469,7 @@ def digits_of(text: str) -> int:
 def rows_of(
     lines: list[str], head: int | None, sep: str, columns: Mapping[str, ListColumn], path: Path
 ) -> _Rows:
+    """Return the lines of a list with the numbers of its columns."""
     out = _Rows(list(lines), [], {}, {letter: [] for letter in columns})
     values: dict[str, list[float]] = {letter: [] for letter in columns}
     width = 0 if head is None else len(_fields(lines[head], sep))

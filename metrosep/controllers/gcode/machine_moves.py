@@ -23,8 +23,6 @@ from metrosep.controllers.gcode.state import (
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, ReadError, UnitError
 
-__all__ = ["Moves", "Reader", "Survey"]
-
 
 @dataclass(slots=True)
 class Moves:

@@ -67,8 +67,6 @@ from metrosep.machine.inverse import AT_ONCE
 if TYPE_CHECKING:
     from metrosep.machine.chains import Chain, Errors
 
-__all__ = ["is_program", "rewrite_machine_program"]
-
 _SHORTEST_TURN = 1e-3 / 60.0
 """In min: no control plans a block of less than a millisecond or so at the feed that it states."""
 _SAME_TIME = 0.1

@@ -26,8 +26,6 @@ from metrosep.machine.terms import FourierTerm, SumTerm, TableTerm
 if TYPE_CHECKING:
     from metrosep.machine.chains import Chain, Errors
 
-__all__ = ["MachineWords"]
-
 _LOOK_LENGTH, _LOOK_TURN = 1e-3, math.radians(1.0)
 """m, rad: a move is looked at this often between its ends, and in each of its parts this often."""
 _PER_STEP = 4.0

@@ -36,8 +36,6 @@ from metrosep.core import numbers
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.units import format_ends, format_length
 
-__all__ = ["PathResult", "rewrite_path"]
-
 PathLike = str | os.PathLike[str]
 
 _STROKE = 100e-6

@@ -42,8 +42,6 @@ from metrosep.core.units import format_length
 if TYPE_CHECKING:
     from metrosep.machine.chains import Chain, Errors
 
-__all__ = ["PosesResult", "rewrite_poses"]
-
 _LARGEST_TURN = 10e-3
 """rad: no error of an axis of rotation that still works needs a larger correction."""
 

@@ -44,8 +44,6 @@ from metrosep.controllers.gcode.state import (
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError, TableError
 
-__all__ = ["Rewriter", "byte_lines", "edited", "format_feed", "require_plain"]
-
 _ROUNDING = 1e-6
 """Share of half a digit that binary numbers add to a rounding."""
 

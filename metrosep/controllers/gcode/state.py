@@ -23,20 +23,6 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 
-__all__ = [
-    "INCH",
-    "MM",
-    "SAFE_M",
-    "ModalState",
-    "Token",
-    "decimals_of",
-    "format_number",
-    "refuse_block",
-    "scale_of_unit",
-    "shape_of",
-    "tokenize",
-]
-
 MM, INCH = 1e-3, 25.4e-3
 _UNIT_WORDS = {"mm": MM, "inch": INCH, "in": INCH}
 

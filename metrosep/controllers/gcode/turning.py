@@ -43,8 +43,6 @@ from metrosep.process.nose_checks import gouge_check
 from metrosep.process.tips import Edge
 from metrosep.process.tool_settings import ToolSetting
 
-__all__ = ["ProgramCheck", "WrittenProgram", "check_program", "write_program"]
-
 Kind = Literal["gcode", "pmac", "points"]
 """Blocks with G1; PVT blocks of a PMAC; a list of points as CSV."""
 

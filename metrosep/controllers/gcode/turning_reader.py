@@ -25,8 +25,6 @@ from metrosep.core.errors import CorruptFileError, DataError, ReadError
 from metrosep.process._plain import frozen
 from metrosep.process.cutting.programs import Quantity, TurningProgram
 
-__all__ = ["read_program"]
-
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
 _PLAIN = re.compile(
     rf"(?:N[0-9]+ ?)?X({_NUMBER}) ?C({_NUMBER}) ?Z({_NUMBER})(?: ?F({_NUMBER}))?\s*"

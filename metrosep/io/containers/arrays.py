@@ -14,8 +14,6 @@ from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.io.declared import need_bytes
 from metrosep.io.source import MAX_PIXELS, RawFile
 
-__all__ = ["array_of"]
-
 _VERSIONS = {1: ("<H", 10), 2: ("<I", 12), 3: ("<I", 12)}
 _MAGIC = b"\x93NUMPY"
 _LONGEST_HEADER = 4096

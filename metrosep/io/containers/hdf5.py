@@ -29,8 +29,6 @@ from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.measurement import columns_as_object, map_as_surface, unit_label, unit_of
 
-__all__ = ["channels", "is_number", "physical_values", "read", "saved_object", "sniff"]
-
 FORMAT = "hdf5"
 
 _FIRST_INVALID = 1e38

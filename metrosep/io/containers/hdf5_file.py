@@ -31,8 +31,6 @@ from metrosep.core.errors import (
 from metrosep.io.objects import check_area
 from metrosep.io.source import HDF5_MAGIC, MAX_PIXELS, RawFile, has_hdf5_magic
 
-__all__ = ["Hdf5File", "look_into", "open_hdf5"]
-
 _MAX_RATIO = 250
 """Largest ratio of claimed to stored bytes; noise of an instrument never compresses so far."""
 

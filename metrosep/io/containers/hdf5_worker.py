@@ -26,8 +26,6 @@ from typing import IO, Any
 import h5py
 import numpy as np
 
-__all__ = ["main"]
-
 resource: Any = None if sys.platform == "win32" else importlib.import_module("resource")
 
 MAX_OBJECTS = 100_000

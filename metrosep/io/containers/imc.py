@@ -26,8 +26,6 @@ from metrosep.io.registry import demand, sniffer
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.logger import Channels
 
-__all__ = ["channels", "read", "sniff"]
-
 FORMAT = "imc"
 _BLOCK = re.compile(rb"\s*\|([A-Za-z]{2}),\s*(\d{1,9}),\s*(\d{1,12}),")
 _MAX_BLOCKS = 100_000

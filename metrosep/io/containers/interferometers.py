@@ -15,8 +15,6 @@ from metrosep.io.objects import Request, check_scale, lateral_or_none, map_reade
 from metrosep.io.registry import BuiltIn, sniffer
 from metrosep.io.source import RawFile
 
-__all__ = ["datx", "fourd"]
-
 # ---- Zygo Mx ``.datx``: phase map of an interferometer or a white-light profiler, in HDF5
 # The table ``/MetaData`` is a graph (source, link, destination) that leads from ``Root`` over the
 # measurement to its surface. Heights are in a length unit, or in fringes: then height in m is

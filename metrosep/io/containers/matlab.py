@@ -35,8 +35,6 @@ from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.logger import Channels
 from metrosep.io.text.measurement import columns_as_object, map_as_surface
 
-__all__ = ["channels", "load", "read", "sniff"]
-
 FORMAT = "matlab"
 
 _TIMES = ("t", "time")

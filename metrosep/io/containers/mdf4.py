@@ -23,8 +23,6 @@ from metrosep.io.registry import demand, sniffer, structure
 from metrosep.io.source import MAX_PIXELS, RawFile, refuse_options
 from metrosep.io.text.logger import Channels
 
-__all__ = ["channels", "read", "sniff"]
-
 FORMAT = "mdf4"
 _BLOCK = structure(FORMAT, "block")
 _FIELDS = {name: structure(FORMAT, name) for name in ("HD", "DG", "CG", "CN", "CC", "DZ")}

@@ -32,9 +32,6 @@ from metrosep.io.own_notes import decode_history, decode_mapping, encode_history
 from metrosep.io.registry import mismatch, sniffer
 from metrosep.io.source import RawFile, declared_steps, refuse_options
 
-__all__ = ["channels", "read", "sniff", "stored_metadata", "table_bytes"]
-
-
 FORMAT = "metrosep-h5"
 sniff = sniffer(FORMAT)
 

@@ -24,8 +24,6 @@ from metrosep.io.text import delimited
 from metrosep.io.text.matrices import declared_units
 from metrosep.io.text.measurement import FEW_COLUMNS, columns_as_object, map_as_surface
 
-__all__ = ["channels", "npz", "read", "sniff"]
-
 FORMAT = "npy"
 
 

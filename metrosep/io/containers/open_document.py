@@ -18,8 +18,6 @@ from metrosep.io.archive import Archive, xml_of
 from metrosep.io.containers.workbook import COLUMNS, NUMBER, PIECE, ROWS, Cell, letters
 from metrosep.io.source import RawFile
 
-__all__ = ["CONTENT", "OpenDocument"]
-
 CONTENT = "content.xml"
 _MAX_CONTENT = 2**29
 _MAX_CELLS = 2**26

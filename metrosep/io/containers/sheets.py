@@ -53,8 +53,6 @@ from metrosep.io.text.times import is_moment
 if TYPE_CHECKING:
     import sqlite3
 
-__all__ = ["Sheet", "as_text", "container_of", "matrix_of", "sheets_of"]
-
 _SQLITE: Final = b"SQLite format 3\x00"
 _PARQUET: Final = b"PAR1"
 _ARROW: Final = b"ARROW1"

@@ -36,8 +36,6 @@ from metrosep.io.registry import sniffer
 from metrosep.io.source import MAX_PIXELS, RawFile, rate_of, refuse_options
 from metrosep.io.text.logger import Channels, with_units
 
-__all__ = ["channels", "iter_chunks", "open_source", "read", "sniff"]
-
 FORMAT = "tdms"
 _INDEX_MAGIC = b"TDSh"
 _STEP, _OFFSET, _START = "wf_increment", "wf_start_offset", "wf_start_time"

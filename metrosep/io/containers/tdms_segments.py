@@ -20,8 +20,6 @@ from metrosep.core.errors import CorruptFileError, FormatMismatchError, Unsuppor
 from metrosep.io.declared import Cursor
 from metrosep.io.source import RawFile
 
-__all__ = ["DAQMX_RAW", "MAGIC", "Extent", "TdmsChannel", "TdmsFile", "read_structure"]
-
 MAGIC = b"TDSm"
 _LEAD_IN = 28
 _OPEN_END = 0xFFFFFFFFFFFFFFFF

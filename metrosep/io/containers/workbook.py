@@ -23,18 +23,6 @@ from metrosep.io.source import LOCAL_HEADER, RawFile
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-__all__ = [
-    "COLUMNS",
-    "NUMBER",
-    "PIECE",
-    "ROWS",
-    "Cell",
-    "Cells",
-    "Workbook",
-    "column_number",
-    "letters",
-]
-
 Cells: TypeAlias = list[tuple[int, dict[str, float | str]]]
 """Number of each row, from 1, and its cells by column letter; empty cells are left out."""
 

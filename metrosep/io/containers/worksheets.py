@@ -21,8 +21,6 @@ from metrosep.io.objects import Request, map_reader
 from metrosep.io.registry import BuiltIn, mismatch
 from metrosep.io.source import RawFile, refuse_options
 
-__all__ = ["mitutoyo_xlsx", "talyrond"]
-
 # ---- Talyrond roundness trace in a worksheet: angle in degrees, radial reading r, r cos, r sin
 # Nothing but these four columns is in the file, so it is known by the two equations, which also say that
 # the angle is in degrees. The reading is a deviation from a circle whose radius the file does not

@@ -26,7 +26,7 @@ from metrosep.io.objects import (
     Request,
     check_area,
     check_scale,
-    height_only as channels,
+    height_only,
     lateral_or_none,
     map_reader,
     scaled,
@@ -34,7 +34,7 @@ from metrosep.io.objects import (
 from metrosep.io.registry import mismatch
 from metrosep.io.source import RawFile
 
-__all__ = ["channels", "read", "sniff"]
+channels = height_only
 
 FORMAT = "bcr-stm"
 _MAGIC = re.compile(r"fileformat\s*=\s*(bcrstm|bcrf)(?:_unicode)?\s*$", re.MULTILINE)

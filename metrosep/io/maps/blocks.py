@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import ReadError, UnitError, UnsupportedFeatureError
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import ROW_ORDERS
 from metrosep.core.units import parse_unit
 from metrosep.io.declared import Cursor, Match
 from metrosep.io.objects import (
-    ROW_ORDERS,
     Request,
     check_area,
     check_scale,
@@ -30,8 +30,6 @@ from metrosep.io.objects import (
 )
 from metrosep.io.registry import BuiltIn, demand, mismatch, sniffer
 from metrosep.io.source import RawFile
-
-__all__ = ["frt", "mnt"]
 
 _MAX_BLOCKS = 100_000
 _MAX_RATIO = 1040

@@ -34,8 +34,6 @@ from metrosep.io.objects import (
 from metrosep.io.registry import demand, sniffer, structure
 from metrosep.io.source import RawFile
 
-__all__ = ["channels", "read", "sniff"]
-
 FORMAT = "digital-surf"
 
 _MAX_OFFSET = 1e6

@@ -21,20 +21,12 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import ROW_ORDERS
 from metrosep.core.units import parse_unit
 from metrosep.io.declared import Cursor
-from metrosep.io.objects import (
-    ROW_ORDERS,
-    Request,
-    check_area,
-    lateral_or_none,
-    map_reader,
-    only_channels,
-)
+from metrosep.io.objects import Request, check_area, lateral_or_none, map_reader, only_channels
 from metrosep.io.registry import demand, sniffer
 from metrosep.io.source import RawFile
-
-__all__ = ["channels", "read", "sniff"]
 
 FORMAT = "gwy"
 _MAGIC = b"GWYP"

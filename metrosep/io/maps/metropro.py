@@ -14,14 +14,14 @@ from metrosep.core.surface import Surface
 from metrosep.io.declared import Fields
 from metrosep.io.objects import (
     Request,
-    height_only as channels,
+    height_only,
     map_reader,
     scaled_file,
 )
 from metrosep.io.registry import demand, sniffer, structure
 from metrosep.io.source import RawFile
 
-__all__ = ["channels", "read", "sniff"]
+channels = height_only
 
 FORMAT = "metropro"
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from metrosep.core.errors import ReadError, UnitError, UnsupportedFeatureError
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import ROW_ORDERS
 from metrosep.core.units import parse_unit
 from metrosep.io.archive import Archive, xml_of, zip_members
 from metrosep.io.declared import Cursor, Match, TextFields, need_bytes
 from metrosep.io.objects import (
-    ROW_ORDERS,
     Request,
     check_area,
     height_only,
@@ -29,8 +29,6 @@ from metrosep.io.objects import (
 )
 from metrosep.io.registry import BuiltIn, demand, sniffer, structure
 from metrosep.io.source import RawFile
-
-__all__ = ["lext", "nms", "os3d", "plux", "tmd", "vk"]
 
 _TOP = ROW_ORDERS[1]
 _UM, _PM = 1e-6, 1e-12

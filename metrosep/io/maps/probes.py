@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from metrosep.core.errors import UnitError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import ROW_ORDERS
 from metrosep.core.units import parse_unit
 from metrosep.io.declared import Fields, TextFields, need_bytes
-from metrosep.io.objects import ROW_ORDERS, Request, check_area, height_only, map_reader, scaled
+from metrosep.io.objects import Request, check_area, height_only, map_reader, scaled
 from metrosep.io.registry import BuiltIn, demand, sniffer, structure
 from metrosep.io.source import RawFile
-
-__all__ = ["ibw", "nanoscope", "nid", "wsxm"]
 
 _MAX_HEADER = 2**20
 _UP = ROW_ORDERS[0]

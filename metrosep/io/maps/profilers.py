@@ -23,8 +23,6 @@ from metrosep.io.objects import (
 from metrosep.io.registry import BuiltIn, demand, sniffer, structure
 from metrosep.io.source import RawFile
 
-__all__ = ["al3d", "plu"]
-
 # ---- Alicona ``.al3d``: a list of text tags, then a depth image of little-endian floats in metres
 # A tag has 52 bytes: key, value, line end. Rows of the depth image are padded to a multiple of 8
 # bytes. The tag ``InvalidPixelValue`` names the number that is not measured. Heights include the

@@ -25,7 +25,7 @@ from metrosep.io.objects import (
     Request,
     check_area,
     check_scale,
-    height_only as channels,
+    height_only,
     lateral_or_none,
     map_reader,
     rows_to_write,
@@ -35,7 +35,7 @@ from metrosep.io.registry import demand, sniffer, structure
 from metrosep.io.source import RawFile
 from metrosep.io.text.logger import parse_numbers
 
-__all__ = ["channels", "read", "sniff"]
+channels = height_only
 
 FORMAT = "sdf"
 _HEADER, _WIDE = structure(FORMAT), structure(FORMAT, "wide")

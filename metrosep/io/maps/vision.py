@@ -12,10 +12,10 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, UnitError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import ROW_ORDERS
 from metrosep.core.units import parse_unit
 from metrosep.io.declared import Cursor, Match, need_bytes
 from metrosep.io.objects import (
-    ROW_ORDERS,
     Request,
     check_area,
     check_scale,
@@ -25,8 +25,6 @@ from metrosep.io.objects import (
 )
 from metrosep.io.registry import BuiltIn, demand, mismatch, sniffer, structure
 from metrosep.io.source import RawFile
-
-__all__ = ["opd", "opdx"]
 
 # ---- Wyko, Veeco and Bruker Vision ``.opd``: a directory of named blocks, little-endian
 # Height in m is ``raw * Wavelength / Mult`` (Wavelength in nm); dx is ``Pixel_size`` (mm), dy is

@@ -31,7 +31,7 @@ from metrosep.core.surface import Surface
 from metrosep.io.archive import Archive, xml_of
 from metrosep.io.objects import (
     Request,
-    height_only as channels,
+    height_only,
     map_reader,
     not_calibrated,
     to_grid,
@@ -43,7 +43,7 @@ from metrosep.io.source import MAX_PIXELS, RawFile, flat_map, refuse_options
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-__all__ = ["channels", "read", "sniff"]
+channels = height_only
 
 FORMAT = "x3p"
 

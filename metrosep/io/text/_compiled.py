@@ -20,21 +20,6 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 
-__all__ = [
-    "Stamps",
-    "Words",
-    "columns_of",
-    "different",
-    "may_hold_comments",
-    "may_hold_words",
-    "n_in",
-    "single_blanks",
-    "stacked",
-    "without_groups",
-    "without_quotes",
-    "words_in",
-]
-
 _LONG: Final = 2**18
 """Characters from which pandas is faster, also when it must be loaded first."""
 _WIDE: Final = 2**14

@@ -60,13 +60,6 @@ from metrosep.io.text.lines import (
 )
 from metrosep.io.text.quality import changes_row
 
-__all__ = [
-    "DECIMAL_SHOWN",
-    "Block",
-    "Body",
-    "joined",
-]
-
 _PART: Final = 2**20
 """Characters that are parsed at once: what is odd in one part does not slow the others."""
 _MANY: Final = 4

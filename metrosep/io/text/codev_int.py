@@ -25,7 +25,7 @@ from metrosep.io.declared import Match
 from metrosep.io.objects import (
     Request,
     check_area,
-    height_only as channels,
+    height_only,
     map_reader,
     scaled,
 )
@@ -33,7 +33,7 @@ from metrosep.io.registry import mismatch
 from metrosep.io.source import RawFile
 from metrosep.io.text.logger import first_lines, one_number, parse_numbers
 
-__all__ = ["channels", "read", "sniff"]
+channels = height_only
 
 _LINE_END = re.compile(rb"\r\r\n|\r\n|\r|\n")
 FORMAT = "codev-int"

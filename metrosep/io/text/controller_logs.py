@@ -27,8 +27,6 @@ from metrosep.io.text.logger import (
     to_number,
 )
 
-__all__ = ["camonitor", "pi_gcs_array"]
-
 # ---- EPICS ``camonitor`` text: one line for each change of a process variable, all interleaved
 # Each variable has its own irregular times, so the recording has the union of all times with NaN
 # where a variable did not report. See ``data_formats/camonitor/SPEC.md``.

@@ -49,8 +49,6 @@ from metrosep.io.text.measurement import measurement
 from metrosep.io.text.table import Column, Table, TextTable, markers_in, read_table, text_of
 from metrosep.io.text.times import RunningClock, moments
 
-__all__ = ["channels", "parquet", "read", "sniff", "sqlite", "worksheet"]
-
 _DIGITS = re.compile(r"[\s\"'+.,;|-]*\d[\d.,;|'eE+\-\s\"]*(?:[,;|\t ]|$)")
 _JSON = re.compile(r"\s*(?:\{\s*\"|\[\s*[\[{])")
 _FEWEST = 3

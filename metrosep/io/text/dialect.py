@@ -31,31 +31,6 @@ from metrosep.io.text.times import is_moment
 if TYPE_CHECKING:
     from metrosep.io.source import RawFile
 
-__all__ = [
-    "LONGEST_FIELD",
-    "MARKS",
-    "NO_COMMENT",
-    "NUMBER_LIKE",
-    "WORDS",
-    "Dialect",
-    "Layout",
-    "bare_unit",
-    "encoding_hint",
-    "fields_in_quotes",
-    "find_column",
-    "find_layout",
-    "header_unit",
-    "is_comment",
-    "is_number",
-    "is_other_unit",
-    "n_used",
-    "number_of",
-    "quantity",
-    "refuse_long",
-    "split_header",
-    "unmeasured_rows",
-]
-
 _NO_DATA = re.compile(r"(?<!\S)no data(?!\S)", re.IGNORECASE)
 """One field, of two words, also where blanks separate the fields."""
 

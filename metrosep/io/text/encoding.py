@@ -16,24 +16,6 @@ from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.units import FOREIGN_SPELLINGS
 from metrosep.io.source import HEAD_BYTES, RawFile
 
-__all__ = [
-    "BEYOND",
-    "MISSING",
-    "NO_READING",
-    "ROLE_WORDS",
-    "Role",
-    "decode",
-    "encoding_of",
-    "encoding_of_head",
-    "head_text",
-    "is_error_cell",
-    "lines_before",
-    "may_be_error_cell",
-    "plain_ends",
-    "refuse_zero_bytes",
-    "zero_byte",
-]
-
 Role: TypeAlias = Literal[
     "position", "height", "time", "feed", "run", "direction", "angle", "temperature", "index"
 ]

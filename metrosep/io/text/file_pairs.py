@@ -36,8 +36,6 @@ from metrosep.io.text.logger import (
     text_lines,
 )
 
-__all__ = ["dabam", "nmm"]
-
 # ---- DABAM, the open database of mirror profiles: columns in ``.dat``, their meaning in JSON beside it
 # The file to read is the JSON (``.txt``); the columns lie in ``.dat`` of the same stem in the same
 # folder. ``FILE_FORMAT`` says whether column Y1 holds slopes (1, rad) or heights (2, m). Slopes are

@@ -14,22 +14,17 @@ from typing import Any
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import UnitError
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import ROW_ORDERS
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.declared import Match
-from metrosep.io.objects import (
-    ROW_ORDERS,
-    Request,
-    height_only as channels,
-    lateral_or_none,
-    map_reader,
-)
+from metrosep.io.objects import Request, height_only, lateral_or_none, map_reader
 from metrosep.io.registry import mismatch
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import is_number
 from metrosep.io.text.encoding import MISSING
 from metrosep.io.text.logger import first_lines, number_block, numbered_rows, text_lines, to_number
 
-__all__ = ["channels", "read", "sniff"]
+channels = height_only
 
 FORMAT = "gwyddion-ascii"
 _COMMENT = re.compile(r"#\s*([^\W\d_][^\d:]{0,40}?)\s*:\s*(.*\S|)\s*")

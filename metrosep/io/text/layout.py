@@ -33,8 +33,6 @@ from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
 from metrosep.io.text.table import Column, Table, read_table
 
-__all__ = ["COLUMN_KEYS", "LAYOUT_KEYS", "LayoutReader"]
-
 LAYOUT_KEYS = {
     "recognise": "texts that begin lines of the head, in this order; all must be there",
     "table_after": "text that begins the line after which the table stands",

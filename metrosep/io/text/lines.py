@@ -15,24 +15,6 @@ from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import NUMBER_LIKE, Layout, header_unit, is_comment, n_used
 from metrosep.io.text.encoding import NO_READING, may_be_error_cell
 
-__all__ = [
-    "Ledger",
-    "are_numbered_rows",
-    "are_rows_like_comments",
-    "bad_field",
-    "cut_off",
-    "is_drawn",
-    "is_named_by_number",
-    "is_rule",
-    "lines_of_field",
-    "may_go_on",
-    "one_or_thousand",
-    "refuse_quotes",
-    "row_in_comment",
-    "stray_text",
-    "unframed",
-]
-
 _LISTED: Final = 100
 """Lines of a class that are listed with their text."""
 

@@ -33,21 +33,6 @@ from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.dialect import holds_counts, is_number
 from metrosep.io.text.encoding import MISSING, decode
 
-__all__ = [
-    "Channels",
-    "also_read",
-    "beside",
-    "first_lines",
-    "number_block",
-    "numbered_rows",
-    "one_number",
-    "parse_numbers",
-    "plain_block",
-    "text_lines",
-    "to_number",
-    "with_units",
-]
-
 _LONGEST_TOP = 2**24
 """Bytes that a recogniser looks at: no header of text is longer."""
 

@@ -22,8 +22,6 @@ from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import is_number
 from metrosep.io.text.logger import Channels, first_lines, plain_block, text_lines, to_number
 
-__all__ = ["channels", "read", "sniff"]
-
 FORMAT = "lvm"
 _MAGIC = "LabVIEW Measurement"
 _END = "***End_of_Header***"

@@ -24,8 +24,6 @@ from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.logger import Channels, text_lines
 
-__all__ = ["mtconnect", "opcua"]
-
 _STAMP = re.compile(
     r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?"
 )

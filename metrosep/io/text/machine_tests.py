@@ -24,8 +24,6 @@ from metrosep.io.registry import BuiltIn, mismatch
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.logger import first_lines, text_lines, to_number
 
-__all__ = ["ISO230_2", "Term", "etalon", "iso230_2_list", "read_targets", "read_terms"]
-
 # ---- Etalon exchange format: error terms of a machine over the position of an axis, in mm and rad
 # ``[EXY]`` is the error in direction X of the motion along Y, ``[EAX]`` the rotation about X of the motion
 # along X, ``[C0B]`` a constant of location. `read` gives one length term, `read_terms` gives all.

@@ -17,8 +17,6 @@ from metrosep.io.objects import make_surface, rows_of_matrix, to_grid
 from metrosep.io.source import RawFile
 from metrosep.io.text.table import Table
 
-__all__ = ["declared_units", "is_matrix", "looks_like_points", "matrix", "shown_columns"]
-
 _SHOWN = 12
 """Columns that a message lists."""
 _LEAST_COLUMNS = 3

@@ -66,16 +66,6 @@ from metrosep.io.text.table import (
 )
 from metrosep.io.text.times import counted_moments, is_long_count, written_moments
 
-__all__ = [
-    "FEW_COLUMNS",
-    "SI_NAMES",
-    "columns_as_object",
-    "map_as_surface",
-    "measurement",
-    "unit_label",
-    "unit_of",
-]
-
 FEW_COLUMNS = 8
 """Columns without names that may still be channels as well as a map."""
 

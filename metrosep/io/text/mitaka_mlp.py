@@ -20,13 +20,12 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import ROW_ORDERS
 from metrosep.io.declared import Match
-from metrosep.io.objects import ROW_ORDERS, make_profile, make_surface, only_channels
+from metrosep.io.objects import make_profile, make_surface, only_channels
 from metrosep.io.registry import mismatch
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.logger import first_lines, number_block, numbered_rows, text_lines
-
-__all__ = ["channels", "read", "sniff"]
 
 FORMAT = "mitaka-mlp"
 _CONSTANT = 1e-6

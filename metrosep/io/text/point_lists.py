@@ -19,8 +19,6 @@ from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import is_number
 from metrosep.io.text.logger import first_lines, number_block, numbered_rows, text_lines, to_number
 
-__all__ = ["contour_dat", "mx_slice"]
-
 # ---- Contour ``.DAT``: a unit, a count, then rows ``x, z``; written by contour measuring instruments
 # Line 1 is the unit of both columns, line 2 the number of points (a hint: the rows that are there
 # count). Positions usually fall; they are turned. See ``data_formats/contour-dat/SPEC.md``.

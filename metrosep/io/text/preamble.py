@@ -22,8 +22,6 @@ from metrosep.io.text.dialect import (
 from metrosep.io.text.encoding import NO_READING, ROLE_WORDS
 from metrosep.io.text.lines import bad_field, is_drawn
 
-__all__ = ["BEGUN", "Preamble", "names_a_number"]
-
 _POSITIONS = frozenset(ROLE_WORDS["position"].split())
 """Names of columns that have a unit, whatever stands above them."""
 

@@ -23,17 +23,6 @@ if TYPE_CHECKING:
     from metrosep.io.source import RawFile
     from metrosep.io.text.table import Column
 
-__all__ = [
-    "bad_rows",
-    "changes_row",
-    "is_truth",
-    "marked_bad",
-    "marker_of",
-    "says_bad",
-    "truth_of_name",
-    "where_it_turns",
-]
-
 _BAD_TEXT = """
 ng nok nio bad wrong error errors err fail failed failure fault faulty outlier outliers reject rejected
 invalid void ignore ignored discard discarded delete deleted exclude excluded skip skipped drop dropped

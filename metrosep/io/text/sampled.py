@@ -28,8 +28,6 @@ from metrosep.io.source import RawFile, rate_of, refuse_options
 from metrosep.io.text.dialect import is_number
 from metrosep.io.text.logger import Channels, first_lines, number_block, text_lines
 
-__all__ = ["halsampler", "pmac_gather"]
-
 _SCALE = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?\d+)?)\s*(\S+)\s*")
 _SNIFFED = 100
 _OVERRUN = "overrun"

@@ -26,7 +26,7 @@ from metrosep.io.objects import (
     Request,
     check_area,
     check_scale,
-    height_only as channels,
+    height_only,
     map_reader,
     rows_to_write,
 )
@@ -34,7 +34,7 @@ from metrosep.io.registry import demand, sniffer
 from metrosep.io.source import RawFile
 from metrosep.io.text.logger import one_number, parse_numbers
 
-__all__ = ["channels", "read", "sniff"]
+channels = height_only
 
 FORMAT = "smd"
 _ETX = b"\x03"

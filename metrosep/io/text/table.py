@@ -80,20 +80,6 @@ from metrosep.io.text.times import (
     moments,
 )
 
-__all__ = [
-    "AS_THEY_FOLLOW",
-    "Column",
-    "SinceFirst",
-    "Table",
-    "TextTable",
-    "interruption",
-    "markers_in",
-    "read_table",
-    "refuse_row_gap",
-    "text_of",
-    "without_empty_rows",
-]
-
 _SAMPLE = 300
 """Rows that are looked at first; further ones come from `_PLACES` parts of the rest."""
 _PLACES, _PLACE = 9, 2000

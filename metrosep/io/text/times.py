@@ -19,19 +19,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError
 from metrosep.io.text._compiled import Stamps
 
-__all__ = [
-    "LONG_AGO_S",
-    "Entries",
-    "Moments",
-    "RunningClock",
-    "counted_moments",
-    "is_long_count",
-    "is_moment",
-    "may_be_minutes",
-    "moments",
-    "written_moments",
-]
-
 _MONTHS = tuple(
     tuple(names.split())
     for names in (

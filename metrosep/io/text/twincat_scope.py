@@ -26,8 +26,6 @@ from metrosep.io.registry import mismatch
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.logger import Channels, first_lines, plain_block, text_lines, to_number
 
-__all__ = ["channels", "read", "sniff"]
-
 FORMAT = "twincat-scope"
 _TYPE = re.compile(r"Data-Type([;,\t ])")
 _START = ("Starttime of export", "StartRecord")

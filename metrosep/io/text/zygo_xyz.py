@@ -20,7 +20,7 @@ from metrosep.core.units import parse_unit
 from metrosep.io.objects import (
     Request,
     check_area,
-    height_only as channels,
+    height_only,
     lateral_or_none,
     map_reader,
 )
@@ -28,7 +28,7 @@ from metrosep.io.registry import demand, sniffer
 from metrosep.io.source import RawFile
 from metrosep.io.text.logger import one_number, parse_numbers
 
-__all__ = ["channels", "read", "sniff"]
+channels = height_only
 
 FORMAT = "zygo-xyz"
 _VERSION = "Format 1"

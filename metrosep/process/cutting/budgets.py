@@ -44,8 +44,6 @@ from metrosep.process.setting_maps import positions
 from metrosep.process.tips import Edge, tips
 from metrosep.process.tool_settings import ToolSetting
 
-__all__ = ["CutBudget", "PathDeviation", "cut_budget"]
-
 _SHARE = 0.01
 """Of the total: a sum of maps that is off by more is not trusted."""
 TINY = 2e-11

@@ -27,17 +27,6 @@ from metrosep.process.cutting.servos import contact_path
 from metrosep.process.path_errors import PathErrorMap
 from metrosep.process.tips import Edge, TipPath, tips, tips_along
 
-__all__ = [
-    "CoursePiece",
-    "WorstContacts",
-    "course_error",
-    "course_pieces",
-    "lead_in_dip",
-    "on_the_cut",
-    "rise_beside",
-    "worst_contacts",
-]
-
 _PIECE = 1 << 15
 """Moments that are worked on at once."""
 _PASSES = 5

@@ -32,8 +32,6 @@ from metrosep.process.setting_maps import positions
 from metrosep.process.tips import Edge, tips
 from metrosep.process.tool_settings import ToolSetting
 
-__all__ = ["Servo", "cusp_heights", "edge_error"]
-
 Servo = Literal["Z", "XZ"]
 _CLOSE = 1e-10
 """rad: of the angle that cuts; the height is then right to R psi^2, 1e-23 m."""

@@ -23,8 +23,6 @@ from metrosep.process.cutting.programs import TurningProgram
 if TYPE_CHECKING:
     from metrosep.machine.chains import Chain
 
-__all__ = ["machine_deviations"]
-
 _TURN = 2.0 * math.pi
 _BLOCK = 1 << 16
 _ON_SPIRAL = 1e-6

@@ -27,8 +27,6 @@ from metrosep.process.cutting.edge_errors import edge_error
 from metrosep.process.nose import RoundNose, Sense
 from metrosep.process.tool_settings import ToolSetting
 
-__all__ = ["CauseFit", "EdgeFit", "fit_causes", "identify_edge"]
-
 _NEAR, _HALF = 0.05, 0.5
 """Of an amount: what certificates and maps of first order are known to; of the variance of a part."""
 _LARGEST_GAP = math.radians(60.0)

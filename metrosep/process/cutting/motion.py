@@ -21,8 +21,6 @@ from metrosep.core.units import format_length
 from metrosep.process._plain import Frozen
 from metrosep.process.cutting.programs import AxisCourse, TurningProgram
 
-__all__ = ["AxisLimits", "AxisMotion", "axis_motion"]
-
 AXES = {"X": 0, "C": 1, "Z": 2}
 _POWERS = {"velocity": 1, "acceleration": 2, "jerk": 3}
 _BLOCK = 1 << 18

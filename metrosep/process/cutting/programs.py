@@ -31,8 +31,6 @@ from metrosep.process.nose import Sense
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Quantity", "TurningProgram"]
-
 Quantity = Literal["cut points", "tip"]
 AXES = ("X", "azimuth", "Z")
 _TURN = 2.0 * math.pi

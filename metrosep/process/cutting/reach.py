@@ -15,8 +15,6 @@ from metrosep.forms.base import Form
 from metrosep.forms.stl import GridForm, MeshForm
 from metrosep.process.cutting.programs import AxisCourse, TurningProgram
 
-__all__ = ["checked_travel", "require_no_hole", "require_travel"]
-
 Travel = tuple[float, float]
 """m: the least and the largest place."""
 _BLOCK = 1 << 18

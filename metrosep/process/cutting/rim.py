@@ -23,8 +23,6 @@ from metrosep.process.nose_checks import NoseCheck, gouge_check
 from metrosep.process.path_points import SpiralPath
 from metrosep.process.tips import Edge, tips
 
-__all__ = ["fits_in_ring", "led_in", "outside_the_rim", "rim_said"]
-
 _AZIMUTHS = 720
 """Of the rim at which a job looks how far out the tip must begin."""
 _FREE_END = 3

@@ -21,8 +21,6 @@ from metrosep.forms.base import Form
 from metrosep.process.path_points import SpiralPath
 from metrosep.process.tips import Edge, tip_heights
 
-__all__ = ["contact_path", "refuse_fitted", "tips_at"]
-
 _BLOCK, _STEPS = 1 << 16, 6
 """Contacts at once; steps for the azimuth of the tip, each 1e-3 of the last."""
 _GOUGES = 1e-11

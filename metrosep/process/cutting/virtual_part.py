@@ -29,8 +29,6 @@ from metrosep.process.setting_maps import positions
 from metrosep.process.tips import Edge, near_contacts, tips
 from metrosep.process.tool_settings import ToolSetting
 
-__all__ = ["VirtualPart", "virtual_cut"]
-
 Across = tuple[FloatArray, FloatArray]
 """s and m: times, and how far the tip is then off the plane of its azimuth, towards a larger one."""
 _TURN = 2.0 * math.pi

@@ -16,19 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.readable import value_text
 
-__all__ = [
-    "bar_chart",
-    "curve",
-    "curve_chart",
-    "decimated",
-    "display_limits",
-    "harmonic_chart",
-    "map_chart",
-    "panel",
-    "plain",
-    "thin",
-]
-
 _MOST_SAMPLES = 2000
 _MOST_PIXELS = 80_000
 _LARGEST_SIDE = 256
@@ -336,39 +323,7 @@ def bar_chart(
     log: bool = False,
     caption: str = "",
 ) -> dict[str, Any]:
-    """Return a chart of bars, one group for each label.
-
-    Parameters
-    ----------
-    title : str
-        Of the figure.
-    labels : sequence of str
-        Below the bars.
-    series : mapping of str to array_like, shape (n_labels,)
-        Values by name, SI; NaN draws nothing.
-    unit : str
-        SI unit; ``"1"`` for shares.
-    quantity : str
-        What the bars show.
-    u : mapping of str to array_like, optional
-        Standard uncertainty of each series.
-    stacked : bool, optional
-        One series on the other; else beside one another.
-    log : bool, optional
-        Whether the scale is logarithmic.
-    caption : str, optional
-        What it shows.
-
-    Returns
-    -------
-    dict
-        Of kind ``bars``.
-
-    Raises
-    ------
-    ValueError
-        If a series is not as long as the labels.
-    """
+    """Return a chart of bars, one group for each label."""
     for name, values in {**series, **(u or {})}.items():
         if len(list(plain(values))) != len(labels):
             raise ValueError(f"{name} has not one value for each of the {len(labels)} labels")

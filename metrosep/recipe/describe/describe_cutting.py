@@ -11,8 +11,6 @@ from metrosep.core.quantity import Quantity
 from metrosep.recipe.describe.charts import bar_chart, curve, curve_chart, map_chart, panel
 from metrosep.recipe.describe.description import Description, quantity
 
-__all__ = ["axis_motion_of", "cut_budget_of", "hysteresis_of"]
-
 
 def cut_budget_of(produced: Any, inputs: Any = None) -> Description:
     """Return what a document holds of a `CutBudgetFound`."""

@@ -15,8 +15,6 @@ from metrosep.core.units import format_length
 from metrosep.recipe.describe.charts import bar_chart, map_chart
 from metrosep.recipe.describe.description import Description, quantity
 
-__all__ = ["identification_of", "sensitivity_of", "wavefront_of"]
-
 _MOST_TERMS = 30
 _MOST_MAPS = 6
 _PIXELS = 161

@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from metrosep.recipe.pipeline import Stage
     from metrosep.recipe.pipeline_run import Measurement
 
-__all__ = ["height_classes", "measurement_of"]
-
-
 _SIDE, _SIDE_BEFORE = 512, 128
 """Pixels along the longer side of the map that was judged, which is printed from the document (up to 3 MB),
 and of those before."""

@@ -16,8 +16,6 @@ from metrosep.recipe.describe.charts import bar_chart, curve, curve_chart, map_c
 from metrosep.recipe.describe.describe_cutting import axis_motion_of
 from metrosep.recipe.describe.description import Description, quantity
 
-__all__ = ["calibration_of", "dual_servo_of", "follow_up_of", "prediction_of", "setting_of"]
-
 _PIXELS = 91
 
 

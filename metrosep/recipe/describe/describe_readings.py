@@ -19,8 +19,6 @@ from metrosep.machine.terms import ConstantTerm, is_angle
 from metrosep.recipe.describe.charts import bar_chart, curve, curve_chart, map_chart, panel
 from metrosep.recipe.describe.description import Description, quantity
 
-__all__ = ["circle_of", "machine_calibration_of", "part_curves_of", "thermal_of"]
-
 _POINTS = 181
 _SIDE = 41
 """Of the picture of the volumetric error."""

@@ -30,16 +30,6 @@ from metrosep.separation.contract import (
     suppressed_harmonics,
 )
 
-__all__ = [
-    "diagonals_of",
-    "positions_of",
-    "separation_of",
-    "spindle_of",
-    "straightness_of",
-    "turned_of",
-    "zero_of",
-]
-
 _MOST_REVOLUTIONS = 60
 _MOST_ANGLES = 720
 _HARMONICS = 60

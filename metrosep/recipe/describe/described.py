@@ -46,9 +46,6 @@ from metrosep.recipe.describe.description import Description, extremes, named, q
 from metrosep.recipe.methods.ops_geometry import geometry_of
 from metrosep.recipe.methods.plan import feed_plan_of
 
-__all__ = ["Description", "describe"]
-
-
 # ---- gauge studies and series of parts in a result document ------------------------------------
 
 _PARTS = ("repeatability", "reproducibility", "interaction", "gauge", "parts", "total")

@@ -14,8 +14,6 @@ from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 
-__all__ = ["Description", "extremes", "named", "quantity"]
-
 
 @dataclass(frozen=True, slots=True)
 class Description:

@@ -12,8 +12,6 @@ from metrosep.core.errors import DataError, UnitError
 from metrosep.core.options import Option
 from metrosep.core.units import Unit, parse_quantity, parse_unit, unit_dimension
 
-__all__ = ["LIMITS", "TRAVEL", "limits_of"]
-
 _PER = re.compile(r"(.*)/\s*([^\W\d]+)(?:\^?([23]))?")
 _LIMITED = {None: "velocity", "2": "acceleration", "3": "jerk"}
 _AS_ONE = {"speed": "velocity", "acceleration": "acceleration", "frequency": "velocity"}

@@ -34,8 +34,6 @@ from metrosep.recipe.methods.ops_process import (
     surface_of,
 )
 
-__all__ = ["CutBudgetFound", "HysteresisFound"]
-
 _AXES = options_of(LatheAxes)
 _PROGRAM: Mapping[str, Option] = {
     "program": Option(

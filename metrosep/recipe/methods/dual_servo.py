@@ -21,9 +21,6 @@ from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 
-__all__ = ["DualServo", "DualServoResult"]
-
-
 _MOST_VOLTAGES = 10_001
 
 

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from metrosep.parameters.form_result import FormDeviation
     from metrosep.parameters.geometry import DatumAxis, GeometricDeviation
 
-__all__ = ["MeasuredGeometry", "geometry_of"]
-
 _DRAWS = 100
 """Of the Monte Carlo for u: its standard deviation is known to 7 %."""
 _SEED = 1101

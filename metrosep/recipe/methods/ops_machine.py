@@ -16,8 +16,6 @@ from metrosep.core.surface import Surface
 from metrosep.core.units import parse_quantity
 from metrosep.recipe.schema import file_of_curve
 
-__all__ = ["CENTRE", "MACHINE", "PRESET_NEEDS", "PartCurves", "form_of", "machine_of", "one_map"]
-
 
 def form_of(text: str) -> Any:
     """Return the ideal surface that a key of a step describes, all parameters known."""

@@ -20,9 +20,6 @@ from metrosep.core.units import column_unit, format_length
 from metrosep.recipe.methods.axis_limits import LIMITS, TRAVEL, limits_of
 from metrosep.recipe.methods.ops_machine import CENTRE, form_of, one_map
 
-__all__ = ["SETTING", "JobResult"]
-
-
 OF_PART = (
     "x and y of the spindle axis in the coordinates of the map of the part; 0, 0 if omitted, or the middle of a "
     "map without an origin"

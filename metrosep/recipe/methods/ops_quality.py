@@ -13,8 +13,6 @@ from metrosep.core.inputs import RoleColumns
 from metrosep.core.methods import Method
 from metrosep.core.options import Option
 
-__all__ = []
-
 
 class GaugeStudied(Method):
     """`gauge_study` by its name."""

@@ -15,9 +15,6 @@ from metrosep.core.options import Option
 from metrosep.core.units import unit_dimension
 from metrosep.recipe.methods.ops_machine import MACHINE, machine_of
 
-__all__ = ["CircleRun", "MachineCalibration", "ThermalResult"]
-
-
 _ALONE = ": no reading depends on it"
 
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from metrosep.core.inputs import RoleColumns
     from metrosep.separation.runs.base import ErrorEstimate
 
-__all__ = ["PLAN", "PlanFromDensity", "feed_plan_of", "plan_after", "plan_document"]
-
 PLAN = {
     "op": Option("text", required=True),
     "v_min": Option(

@@ -20,16 +20,6 @@ from metrosep.separation.positions.pitch import (
     require_read,
 )
 
-__all__ = [
-    "AVERAGED",
-    "TurnedError",
-    "TurnedRuns",
-    "cell_of",
-    "cycles_of",
-    "lengths_only",
-    "turning_axis",
-]
-
 AVERAGED = (
     'over an angle the runs are averaged: leave the key out; method = "mean" is all that is needed'
 )

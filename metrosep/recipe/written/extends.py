@@ -19,28 +19,6 @@ from metrosep.core.atomic import RECIPE_BYTES, read_plain_text
 from metrosep.core.errors import RecipeError
 from metrosep.recipe.schema import Place
 
-__all__ = [
-    "Admits",
-    "LayeredPlace",
-    "Layers",
-    "Mark",
-    "as_given",
-    "before_record",
-    "holds_mark",
-    "key_parts",
-    "layers_of",
-    "marks_after",
-    "marks_of",
-    "overrides_in",
-    "parsed",
-    "split_override",
-    "split_record",
-    "texts_of",
-    "toml_problem",
-    "with_texts",
-    "without_marks",
-]
-
 _MARK = "# ==== built on (recorded when it ran; delete from here on to read the files again) ===="
 _NAME, _LINE = "#: ", "#| "
 _FILE, _SEEN = "#> ", "#@ "

@@ -24,11 +24,11 @@ from typing import Any
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.options import checked
 from metrosep.core.readable import did_you_mean
+from metrosep.recipe.pipeline import MEASURING
 from metrosep.recipe.schema import BATCH, Field
 from metrosep.recipe.steps import (
     CHECK,
     INPUT,
-    MEASURING,
     MEASURING_INPUT,
     METHOD_CHECK,
     METHOD_OUTPUTS,
@@ -49,17 +49,6 @@ from metrosep.recipe.written.extends import (
     with_texts,
     without_marks,
 )
-
-__all__ = [
-    "NAMED_BY",
-    "Override",
-    "input_fields_of",
-    "number_of",
-    "put",
-    "toml_text",
-    "with_overrides",
-    "with_value",
-]
 
 Fields = Mapping[str, Field]
 

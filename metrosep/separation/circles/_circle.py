@@ -30,7 +30,6 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
-from metrosep.separation._methods import Parts
 from metrosep.separation._readings import (
     as_numbers,
     curves,
@@ -39,7 +38,7 @@ from metrosep.separation._readings import (
     part_of,
     require_turn,
 )
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import Parts, Separation, SeparationMethod, Unobservable
 
 _LARGEST_RADIUS = 10.0
 """m; no artefact on a spindle is larger, but 20 mm given as 20 is."""

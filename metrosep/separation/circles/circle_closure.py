@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
+from metrosep.core.docs import described_by
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -34,7 +35,7 @@ from metrosep.core.numbers import count
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import History, Parts, RecordedMethod, described_by, settle
+from metrosep.separation._methods import RecordedMethod, settle
 from metrosep.separation._readings import known_parts, part_of
 from metrosep.separation.circles._circle import (
     check_sign,
@@ -45,9 +46,13 @@ from metrosep.separation.circles._circle import (
     reading_noise,
     unseen,
 )
-from metrosep.separation.contract import Separation, Unobservable, suppressed_harmonics
-
-__all__ = ["CircleClosure", "closure"]
+from metrosep.separation.contract import (
+    History,
+    Parts,
+    Separation,
+    Unobservable,
+    suppressed_harmonics,
+)
 
 _PARTS = ("artefact", "machine")
 _ZERO = (

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.inputs import Readings
 from metrosep.core.numbers import count, not_negative
@@ -31,7 +32,7 @@ from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import Parts, described_by, settle
+from metrosep.separation._methods import settle
 from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
@@ -48,9 +49,7 @@ from metrosep.separation.circles._circle import (
     unseen,
     variances,
 )
-from metrosep.separation.contract import U_READING, Separation, Unobservable, over_turn
-
-__all__ = ["OrthogonalMixed", "mixed_transfer", "orthogonal_mixed"]
+from metrosep.separation.contract import U_READING, Parts, Separation, Unobservable, over_turn
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,6 @@ from metrosep.separation.circles._circle import angle_tuple, probe_geometry
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["ProbeAngles", "optimise_probe_angles", "probe_gain"]
 from metrosep.separation.contract import NamedMethod
 
 _HIDDEN = 1e7

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import TooFewSamplesError
 from metrosep.core.numbers import positive
 from metrosep.core.options import Option
 from metrosep.core.profile import html_table
-from metrosep.separation._methods import described_by
 from metrosep.separation.circles._circle import (
     ProbeGeometry,
     circle_readings,
@@ -32,8 +32,6 @@ from metrosep.separation.circles._circle import (
 )
 from metrosep.separation.circles.probes import MultiprobeRoundness, multiprobe
 from metrosep.separation.contract import NamedMethod
-
-__all__ = ["ProbeCheck", "Suspect", "check_probes"]
 
 
 class ProbesChecked(NamedMethod):

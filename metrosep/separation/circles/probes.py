@@ -26,12 +26,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
 from metrosep.core.numbers import count, positive
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import Parts, described_by, settle
+from metrosep.separation._methods import settle
 from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
@@ -55,12 +56,11 @@ from metrosep.separation.circles._circle import (
 )
 from metrosep.separation.contract import (
     U_READING,
+    Parts,
     Separation,
     Unobservable,
     suppressed_harmonics,
 )
-
-__all__ = ["MultiprobeRoundness", "multiprobe"]
 
 
 @dataclass(frozen=True)

@@ -21,19 +21,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, IntArray, frozen_float
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.core.numbers import between, choice, count, not_negative, positive, real
-from metrosep.separation._methods import StoredResult, described_by
+from metrosep.separation._methods import StoredResult
 from metrosep.separation._readings import real_numbers
 from metrosep.separation.circles._circle import check_sign
-
-__all__ = [
-    "AngleSynchronous",
-    "cubic_interpolation_error",
-    "index_pulses",
-    "resample_by_encoder",
-    "resample_by_index",
-]
 
 Method = Literal["band-limited", "cubic"]
 Speed = Literal["constant", "linear", "spline"]

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.inputs import Readings
 from metrosep.core.numbers import between, count, positive, real
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.separation._methods import History, Parts, RecordedMethod, described_by, settle
+from metrosep.separation._methods import RecordedMethod, settle
 from metrosep.separation._readings import (
     checked_readings,
     curves,
@@ -34,15 +35,15 @@ from metrosep.separation._readings import (
 from metrosep.separation.circles._circle import curve, grid, names_of_k
 from metrosep.separation.contract import (
     U_READING,
+    History,
     NamedMethod,
+    Parts,
     Separation,
     Unobservable,
     over_turn,
     suppressed_harmonics,
 )
 from metrosep.separation.lines.reversals import ReversedPair, combined
-
-__all__ = ["DonaldsonReversal", "FaceReversal", "combine_harmonics", "donaldson", "face_reversal"]
 
 _CENTRING = "the mean and the eccentricity are the centring of each set-up, not form"
 

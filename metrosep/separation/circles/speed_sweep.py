@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core.docs import described_by
 from metrosep.core.errors import (
     DataError,
     DegenerateFitError,
@@ -31,20 +32,10 @@ from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_engineering
-from metrosep.separation._methods import (
-    History,
-    Parts,
-    RecordedMethod,
-    StoredResult,
-    as_stated,
-    described_by,
-    type_a,
-)
+from metrosep.separation._methods import RecordedMethod, StoredResult, as_stated, type_a
 from metrosep.separation._readings import as_numbers, known_parts, part_of, real_numbers
 from metrosep.separation.circles.spindle_result import SpindleMotion
-from metrosep.separation.contract import NamedMethod, Separation, Unobservable
-
-__all__ = ["SpeedFit", "SpeedGrowth", "SpeedSweep", "fit_speed_sweep", "fit_values"]
+from metrosep.separation.contract import History, NamedMethod, Parts, Separation, Unobservable
 
 _FASTEST = 2e3
 """rev/s beyond which a speed is refused: 120 000 rev/min. Air turbines above are rare, speeds typed

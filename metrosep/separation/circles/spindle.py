@@ -29,7 +29,7 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
 from metrosep.core.units import format_engineering
 from metrosep.parameters.table import Context, ParameterTable
-from metrosep.separation._methods import History, Parts, RecordedMethod, as_stated, settle, type_a
+from metrosep.separation._methods import RecordedMethod, as_stated, settle, type_a
 from metrosep.separation._readings import (
     as_numbers,
     checked_readings,
@@ -61,9 +61,14 @@ from metrosep.separation.circles.spindle_result import (
     u_of_total,
     width_about,
 )
-from metrosep.separation.contract import NamedMethod, Separation, Unobservable, over_turn
-
-__all__ = ["SpindleSplit", "iso230_7"]
+from metrosep.separation.contract import (
+    History,
+    NamedMethod,
+    Parts,
+    Separation,
+    Unobservable,
+    over_turn,
+)
 
 Direction = Literal["radial", "axial", "tilt", "face"]
 Sensitive = Literal["fixed", "rotating"]

@@ -31,8 +31,6 @@ from metrosep.separation.circles.resampling import AngleSynchronous, resample_by
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["SpindleHarmonics", "SpindleMotion"]
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SpindleHarmonics(StoredResult):

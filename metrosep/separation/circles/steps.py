@@ -22,12 +22,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError
 from metrosep.core.numbers import choice, count, is_real, positive, real
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import Parts, described_by, settle
+from metrosep.separation._methods import settle
 from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
@@ -49,12 +50,11 @@ from metrosep.separation.circles._circle import (
 )
 from metrosep.separation.contract import (
     U_READING,
+    Parts,
     Separation,
     Unobservable,
     suppressed_harmonics,
 )
-
-__all__ = ["MultistepRoundness", "multistep"]
 
 
 @dataclass(frozen=True)

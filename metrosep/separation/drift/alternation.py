@@ -19,7 +19,7 @@ from metrosep.core.inputs import Readings
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import History, Parts, RecordedMethod, StoredResult, pooled
+from metrosep.separation._methods import RecordedMethod, StoredResult, pooled
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     as_numbers,
@@ -27,9 +27,7 @@ from metrosep.separation._readings import (
     checked_sd,
     known_parts,
 )
-from metrosep.separation.contract import Separation, Unobservable
-
-__all__ = ["AbbaDrift", "DriftFreeDifference", "abba"]
+from metrosep.separation.contract import History, Parts, Separation, Unobservable
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

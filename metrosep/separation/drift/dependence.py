@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, as_float, frozen_float, same_length
+from metrosep.core.docs import described_by
 from metrosep.core.errors import (
     DataError,
     DegenerateFitError,
@@ -20,10 +21,8 @@ from metrosep.core.errors import (
 from metrosep.core.numbers import real
 from metrosep.core.options import Option
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import StoredResult, described_by
+from metrosep.separation._methods import StoredResult
 from metrosep.separation.contract import NamedMethod
-
-__all__ = ["Dependence", "allan_deviation", "drift_against_temperature", "speed_dependence"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

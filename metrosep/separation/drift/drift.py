@@ -27,15 +27,7 @@ from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
-from metrosep.separation._methods import (
-    History,
-    Parts,
-    RecordedMethod,
-    StoredResult,
-    as_stated,
-    not_known,
-    type_a,
-)
+from metrosep.separation._methods import RecordedMethod, StoredResult, as_stated, not_known, type_a
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     as_numbers,
@@ -43,14 +35,12 @@ from metrosep.separation._readings import (
     known_parts,
     part_of,
 )
-from metrosep.separation.contract import NamedMethod, Separation, Unobservable
+from metrosep.separation.contract import History, NamedMethod, Parts, Separation, Unobservable
 from metrosep.separation.drift.alternation import in_time
 from metrosep.separation.runs.joint_method import JointDrift, joint_drift
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = ["DriftFit", "DriftTest", "iso230_3_drift"]
 
 _DISPLACEMENT = 10e-3
 """m; no machine in use drifts further, but readings in um passed as m do."""

@@ -23,10 +23,11 @@ from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._methods import Parts, as_stated, not_known, type_a
+from metrosep.separation._methods import as_stated, not_known, type_a
 from metrosep.separation._readings import NOISE_UNKNOWN, checked_readings, known_parts
 from metrosep.separation.contract import (
     U_READING,
+    Parts,
     Separation,
     SeparationMethod,
     Unobservable,

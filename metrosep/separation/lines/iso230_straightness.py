@@ -24,7 +24,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.deviation import form_deviation
 from metrosep.parameters.form_result import FormDeviation
-from metrosep.separation._methods import History, Parts, RecordedMethod, StoredResult
+from metrosep.separation._methods import RecordedMethod, StoredResult
 from metrosep.separation._readings import (
     as_numbers,
     average_repeats,
@@ -36,7 +36,9 @@ from metrosep.separation._readings import (
     unit_message,
 )
 from metrosep.separation.contract import (
+    History,
     NamedMethod,
+    Parts,
     Separation,
     Unobservable,
     over_line,
@@ -44,8 +46,6 @@ from metrosep.separation.contract import (
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = ["MotionStraightness", "ReferenceLine", "straightness_iso230_1"]
 
 Line = Literal["MZ", "LS", "EP"]
 

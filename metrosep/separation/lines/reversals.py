@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
 from metrosep.core.numbers import not_negative
 from metrosep.core.options import Option, option
@@ -24,7 +25,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_ends
-from metrosep.separation._methods import History, Parts, RecordedMethod, described_by
+from metrosep.separation._methods import RecordedMethod
 from metrosep.separation._readings import (
     Averaged,
     average_repeats,
@@ -38,11 +39,16 @@ from metrosep.separation._readings import (
     unit_message,
     without_basis,
 )
-from metrosep.separation.contract import U_READING, NamedMethod, Separation, Unobservable
+from metrosep.separation.contract import (
+    U_READING,
+    History,
+    NamedMethod,
+    Parts,
+    Separation,
+    Unobservable,
+)
 from metrosep.separation.covariance import CovarianceModes
 from metrosep.separation.runs.base import DirectionEstimate, ErrorEstimate, SampledCurve
-
-__all__ = ["StraightedgeReversal", "slide_error", "straightedge_reversal"]
 
 
 def combined(

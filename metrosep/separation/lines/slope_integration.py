@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, as_float, frozen_float
+from metrosep.core.docs import described_by
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -28,21 +29,10 @@ from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._methods import (
-    History,
-    Parts,
-    RecordedMethod,
-    as_stated,
-    described_by,
-    not_known,
-    settle,
-    type_a,
-)
+from metrosep.separation._methods import RecordedMethod, as_stated, not_known, settle, type_a
 from metrosep.separation._readings import as_numbers, known_parts, line_basis
-from metrosep.separation.contract import Separation, Unobservable, over_line
+from metrosep.separation.contract import History, Parts, Separation, Unobservable, over_line
 from metrosep.separation.lines._line_problem import longest_run, method_named
-
-__all__ = ["SlopeIntegration", "integrate_slopes", "slope_transfer"]
 
 RULES = ("trapezoid", "simpson", "spline", "fourier", "feet")
 
@@ -502,6 +492,7 @@ def _cosine_integral(s: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def levelled(height: FloatArray, grid: FloatArray, degree: int) -> FloatArray:
+    """Return heights without their polynomial of a degree."""
     basis = line_basis(grid)[:, : degree + 1]
     q = np.linalg.qr(basis)[0]
     return np.asarray(height - (height @ q) @ q.T)

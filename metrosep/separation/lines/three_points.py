@@ -14,11 +14,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import flag, not_negative, positive, real
 from metrosep.core.options import option
 from metrosep.core.profile import Profile
-from metrosep.separation._methods import described_by, settle
+from metrosep.separation._methods import settle
 from metrosep.separation.contract import Separation
 from metrosep.separation.lines._line_problem import (
     METHODS,
@@ -35,16 +36,6 @@ from metrosep.separation.lines._line_result import (
     smoothing_option,
     step_option,
 )
-
-__all__ = [
-    "MultiProbe",
-    "ThreePoint",
-    "TwoPoint",
-    "multi_probe_straightness",
-    "three_point",
-    "two_point",
-    "zero_error_sag",
-]
 
 _MAX_ZERO = 1e-3
 """A zero difference above 1 mm is not an adjustment of a straightness probe: the unit is wrong."""

@@ -20,18 +20,18 @@ from metrosep.core.inputs import Readings
 from metrosep.core.numbers import flag, not_negative
 from metrosep.core.options import Option
 from metrosep.core.provenance import Step, freeze_mapping
-from metrosep.separation._methods import History, Parts, RecordedMethod, as_stated, settle, type_a
+from metrosep.separation._methods import RecordedMethod, as_stated, settle, type_a
 from metrosep.separation._readings import checked_readings, known_parts
 from metrosep.separation.contract import (
     U_READING,
+    History,
     NamedMethod,
+    Parts,
     Separation,
     Unobservable,
     as_rows,
 )
 from metrosep.separation.lines._line_problem import ZeroCalibration, distances
-
-__all__ = ["ZeroAdjustment", "zero_calibration"]
 
 _PROBES = ("trailing probe", "middle probe", "leading probe")
 

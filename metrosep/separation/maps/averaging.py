@@ -11,15 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import positive
 from metrosep.core.options import Option, option
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import Parts, described_by
 from metrosep.separation.contract import (
     U_READING,
     NamedMethod,
+    Parts,
     Separation,
     Unobservable,
 )
@@ -34,9 +35,6 @@ from metrosep.separation.maps._map_input import (
     without_plane,
 )
 from metrosep.separation.maps._map_method import MapMethod, MapReadings, map_separation
-
-__all__ = ["ThreePositions", "ball_average", "three_positions"]
-
 
 _LEAST_PATCHES = 5
 

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
 from metrosep.core.numbers import choice, count, not_negative, positive
 from metrosep.core.options import Option, option
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import ZernikeOrder
-from metrosep.separation._methods import Parts, described_by
-from metrosep.separation.contract import U_READING, Separation, Unobservable
+from metrosep.separation.contract import U_READING, Parts, Separation, Unobservable
 from metrosep.separation.maps._flat_result import (
     FLATS,
     ODD_REASON,
@@ -49,8 +49,6 @@ from metrosep.separation.maps._map_input import (
     without_plane,
 )
 from metrosep.separation.maps._map_method import MapMethod, MapReadings, map_separation
-
-__all__ = ["ThreeFlat", "three_flat"]
 
 FlatMethod = Literal["auto", "pixel", "zernike", "iterative"]
 

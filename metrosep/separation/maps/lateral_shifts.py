@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
 from metrosep.core.numbers import count, not_negative, positive, real
 from metrosep.core.options import Option, option
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import term_name
 from metrosep.forms.zernike_fit import zernike_values
-from metrosep.separation._methods import Parts, described_by
-from metrosep.separation.contract import U_READING, Separation, Unobservable
+from metrosep.separation.contract import U_READING, Parts, Separation, Unobservable
 from metrosep.separation.maps._flat_result import DiscBasis, zernike_terms_of
 from metrosep.separation.maps._map_input import (
     MapGrid,
@@ -30,9 +30,6 @@ from metrosep.separation.maps._map_input import (
     unit_warnings,
 )
 from metrosep.separation.maps._map_method import MapMethod, MapReadings, map_separation
-
-__all__ = ["ShiftRotation", "shift_rotation"]
-
 
 _NULL = 1e-11
 _TOUCHED = 1e-5

@@ -35,8 +35,6 @@ from metrosep.separation.maps._map_input import (
     without_plane,
 )
 
-__all__ = ["Registration", "register_maps", "register_points", "registration_uncertainty"]
-
 _ITERATIONS = 30
 _COARSE = 96
 _FLATTEST = 1e-4

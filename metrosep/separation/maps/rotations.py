@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import ComplexArray, FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.options import Option, option
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import Parts, described_by
-from metrosep.separation.contract import U_READING, Separation, Unobservable
+from metrosep.separation.contract import U_READING, Parts, Separation, Unobservable
 from metrosep.separation.maps._map_input import (
     LISTED_ORDERS,
     RIGID,
@@ -50,8 +50,6 @@ from metrosep.separation.maps.registration import (
     map_gradient,
     registration_spread,
 )
-
-__all__ = ["RotationTest", "rotation_average"]
 
 
 @described_by(MapMethod)

@@ -60,8 +60,6 @@ from metrosep.separation.maps._stitch_solve import (
     own_residuals,
 )
 
-__all__ = ["Stitching", "stitch"]
-
 _FREEDOMS = ("piston", "tilt", "power")
 
 

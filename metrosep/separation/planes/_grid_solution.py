@@ -21,23 +21,6 @@ from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import choice
 from metrosep.core.quantity import Quantity
 
-__all__ = [
-    "PLACE",
-    "TERMS",
-    "Joined",
-    "Lay",
-    "Repeats",
-    "Slopes",
-    "TableGrid",
-    "lays_of",
-    "moved_between",
-    "noise_of",
-    "refuse_unknown",
-    "repeats_of",
-    "same_points",
-    "shares_of_passes",
-]
-
 Slopes = Literal["free", "common", "none"]
 Repeats = Literal["relaid", "passes"]
 

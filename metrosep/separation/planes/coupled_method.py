@@ -19,15 +19,16 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError
 from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import not_negative
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import History, Parts, RecordedMethod, described_by, settle
+from metrosep.separation._methods import RecordedMethod, settle
 from metrosep.separation._readings import known_parts, real_numbers
-from metrosep.separation.contract import U_READING, Separation, Unobservable
+from metrosep.separation.contract import U_READING, History, Parts, Separation, Unobservable
 from metrosep.separation.planes._grid_solution import (
     PLACE,
     TERMS,
@@ -42,8 +43,6 @@ from metrosep.separation.planes._grid_solution import (
     repeats_of,
 )
 from metrosep.separation.planes.plane_fit import plane_steps
-
-__all__ = ["CoupledGrid", "coupled_grid"]
 
 
 @dataclass(frozen=True, slots=True)

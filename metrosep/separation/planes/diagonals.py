@@ -20,14 +20,14 @@ from metrosep.core.inputs import RoleColumns
 from metrosep.core.options import Option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import History, Parts, RecordedMethod, StoredResult, pooled
+from metrosep.separation._methods import RecordedMethod, StoredResult, pooled
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     checked_readings,
     known_parts,
     part_of,
 )
-from metrosep.separation.contract import NamedMethod, Separation, Unobservable
+from metrosep.separation.contract import History, NamedMethod, Parts, Separation, Unobservable
 from metrosep.separation.planes.squareness import (
     PAIRS,
     Squareness,
@@ -47,8 +47,6 @@ from metrosep.separation.positions.positioning_result import PositioningTest
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = ["DiagonalTest", "Diagonals", "iso230_6_diagonals", "squareness_from_diagonals"]
 
 _LEAST_SHARE = 0.5
 """Of the diagonal; below it the size does not belong to the targets (mm for m)."""

@@ -20,14 +20,15 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.blas import one_blas_thread
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
-from metrosep.separation._methods import History, Parts, RecordedMethod, described_by, settle
+from metrosep.separation._methods import RecordedMethod, settle
 from metrosep.separation._readings import known_parts, part_of, real_numbers
-from metrosep.separation.contract import U_READING, Separation, Unobservable
+from metrosep.separation.contract import U_READING, History, Parts, Separation, Unobservable
 from metrosep.separation.planes._grid_solution import (
     PLACE,
     Repeats,
@@ -39,8 +40,6 @@ from metrosep.separation.planes._grid_solution import (
     same_points,
     shares_of_passes,
 )
-
-__all__ = ["GridCalibration", "GridView", "grid_calibration"]
 
 _TERMS = ("translation x", "translation y", "rotation", "scale")
 
@@ -618,6 +617,7 @@ def better_turns(
 def parsed_views(
     views: Mapping[str, ArrayLike] | Sequence[GridView],
 ) -> list[tuple[GridView, FloatArray]]:
+    """Return the views with their readings of shape (repeats, n_y, n_x, 2)."""
     if isinstance(views, Mapping):
         unknown = [name for name in views if name not in _NAMED]
         if unknown:
@@ -660,6 +660,7 @@ def checked_placement(view: GridView, number: int) -> tuple[int, tuple[int, int]
 
 
 def checked_size(views: list[tuple[GridView, FloatArray]], pitch: float) -> tuple[int, int]:
+    """Return the rows and columns that all views share."""
     shapes = {values.shape[1:3] for _, values in views}
     if len(shapes) > 1:
         raise DataError(f"the views differ in shape: {sorted(shapes)}; use NaN where no mark is")
@@ -684,6 +685,7 @@ def checked_size(views: list[tuple[GridView, FloatArray]], pitch: float) -> tupl
 
 
 def refuse_inseparable(views: list[tuple[GridView, FloatArray]]) -> None:
+    """Refuse views that cannot tell the stage from the plate."""
     turns = {(v.turns - views[0][0].turns) % 4 for v, _ in views}
     placements = {(v.turns % 4, v.shift) for v, _ in views}
     missing = []

@@ -31,7 +31,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering
-from metrosep.separation._methods import History, Parts, RecordedMethod, StoredResult, settle
+from metrosep.separation._methods import RecordedMethod, StoredResult, settle
 from metrosep.separation._readings import (
     known_parts,
     part_of,
@@ -39,21 +39,13 @@ from metrosep.separation._readings import (
 )
 from metrosep.separation.contract import (
     U_READING,
+    History,
     NamedMethod,
+    Parts,
     Separation,
     Unobservable,
 )
 from metrosep.separation.planes._grid_solution import PLACE, TableGrid, moved_between, repeats_of
-
-__all__ = [
-    "Interaction",
-    "PlaneFit",
-    "PlaneModel",
-    "described",
-    "fit_plane_model",
-    "plane_origin",
-    "plane_steps",
-]
 
 _LEVEL = 0.05
 """Probability below which coupling counts as found."""
@@ -390,6 +382,7 @@ def coupling(
     residual: FloatArray,
     u_reading: float | None,
 ) -> tuple[Interaction, Quantity]:
+    """Return what f and g leave of the plane, beside the noise, and the noise."""
     from scipy import stats
 
     measured = count > 0
@@ -471,6 +464,7 @@ def plane_stack(
     dy: float | None,
     origin: tuple[float, float],
 ) -> tuple[FloatArray, float, float, tuple[float, float], tuple[Step, ...]]:
+    """Return the stack of maps with their steps, origin and history."""
     history: tuple[Step, ...] = ()
     items: list[Surface] = (
         [maps]

@@ -30,8 +30,6 @@ from metrosep.separation.contract import NamedMethod
 from metrosep.separation.planes.plane_fit import described, plane_origin, plane_steps
 from metrosep.separation.runs.base import ErrorEstimate
 
-__all__ = ["PlaneMap", "plane_map"]
-
 
 class AxesCombined(NamedMethod):
     """`plane_map` by its name, from the stored results of two axes."""

@@ -32,9 +32,6 @@ from metrosep.separation.runs.base import ErrorEstimate
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Squareness", "squareness_from_diagonals"]
-
-
 PAIRS = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 _SIGN = {"p": 1.0, "n": -1.0, "0": 0.0, "+": 1.0, "-": -1.0}
 _TOO_LARGE = 1e-2

@@ -14,8 +14,6 @@ from metrosep.core.errors import DataError
 from metrosep.core.options import option
 from metrosep.core.units import parse_quantity
 
-__all__ = ["Expansion"]
-
 _STANDARD = 293.15
 """Temperature at which lengths hold, K (ISO 1)."""
 _U_EXPANSION, _U_TEMPERATURE = 1e-6, 0.5

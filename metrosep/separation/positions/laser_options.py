@@ -8,8 +8,6 @@ from dataclasses import replace
 from metrosep.core.options import Option
 from metrosep.optics.air_options import AIR, U_AIR, WET
 
-__all__ = ["AIR_KEYS", "READ_AS", "SETUP"]
-
 READ_AS = Option(
     "text", choices=("position", "deviation"), default="deviation",
     help="what the readings are: positions, or positions minus nominal",

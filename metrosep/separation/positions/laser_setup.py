@@ -30,10 +30,6 @@ from metrosep.separation.contract import NamedMethod, Separation, Unobservable
 from metrosep.separation.positions.laser_options import AIR_KEYS, READ_AS, SETUP
 from metrosep.separation.positions.positioning import as_positions
 
-__all__ = [
-    "AirOnce", "LaserCorrections", "LaserPositions", "LaserReadings", "LaserSetup", "laser_positions",
-]  # fmt: skip
-
 _REFERENCE = 293.15
 """K; lengths are stated at 20 degC (ISO 1)."""
 

@@ -17,17 +17,6 @@ from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 from metrosep.separation.positions.expansion import Expansion
 
-__all__ = [
-    "REFERENCE_DIRECTIONS",
-    "PitchErrors",
-    "celled_runs",
-    "cycle_runs",
-    "pitch_errors",
-    "pitch_errors_of",
-    "require_read",
-    "require_unit",
-]
-
 REFERENCE_DIRECTIONS = {"forward": (1,), "reverse": (-1,), "middle": (1, -1)}
 """How an axis is homed, and the directions whose mean is zero there."""
 _SAME_PLACE = 1e-9

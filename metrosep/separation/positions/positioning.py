@@ -25,17 +25,15 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.readable import typed_number
 from metrosep.core.runset import FORWARD, REVERSE
-from metrosep.separation._methods import History, Parts, RecordedMethod, pooled
+from metrosep.separation._methods import RecordedMethod, pooled
 from metrosep.separation._readings import (
     checked_readings,
     checked_seed,
     known_parts,
     part_of,
 )
-from metrosep.separation.contract import NamedMethod, Separation, Unobservable
+from metrosep.separation.contract import History, NamedMethod, Parts, Separation, Unobservable
 from metrosep.separation.positions.positioning_result import PositioningTest, build_result
-
-__all__ = ["PositioningSheet", "iso230_2", "positions_from_columns", "positions_from_profiles"]
 
 _LONGEST = 1000.0
 """m; no axis is longer, but one in mm passed as m is."""

@@ -33,8 +33,6 @@ from metrosep.separation.positions.repeatability import (
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["PositioningTest", "build_result"]
-
 _ROUNDING = 1e-15
 """Of the largest target: about four steps of a double."""
 

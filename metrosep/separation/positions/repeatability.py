@@ -17,8 +17,6 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray, IntArray
 
-__all__ = ["SpreadEstimate", "bidirectional_estimate", "likely_variances", "spread_estimate"]
-
 _UNEQUAL = 0.01
 """Targets count as unequal below this probability of Bartlett's test; small, so that it costs nothing."""
 

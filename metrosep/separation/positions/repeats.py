@@ -23,16 +23,16 @@ from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import History, Parts, RecordedMethod, as_stated, type_a
+from metrosep.separation._methods import RecordedMethod, as_stated, type_a
 from metrosep.separation._readings import as_numbers, not_tied, own_shares
 from metrosep.separation.contract import (
     U_READING,
+    History,
     NamedMethod,
+    Parts,
     Separation,
     Unobservable,
 )
-
-__all__ = ["RepeatSplit", "repeatable"]
 
 Align = Literal["none", "piston", "line"]
 
