@@ -10,6 +10,9 @@ import re
 
 import numpy as np
 import pytest
+from acceptance.coverage.judge import metrosep_joint
+from acceptance.coverage.machine import simulate
+from acceptance.coverage.rows import ROWS
 
 from metrosep import Run, RunSet
 from metrosep.cli.main import main
@@ -465,6 +468,15 @@ def test_robust_mean_keeps_what_all_runs_show_at_one_place():
     estimate = separate(axis.set(), method="mean", robust=True)
 
     assert float(estimate.evaluate([30e-3])[0] - axis.truth(30.0) * NM) > 2_500 * NM
+
+
+def test_a_sound_run_of_which_a_vibration_turned_the_lead_is_not_called_displaced():
+    """12 Hz at 120 mm/s has the length of the lead; the other waves of the run lie where they should."""
+    machine = ROWS["lead cell 4"].machine
+
+    said = metrosep_joint(simulate(machine, 2400040).runs).messages
+
+    assert [m for m in said if "displaced" in m] == []
 
 
 @pytest.mark.parametrize(("run", "by"), [(8, 2.4), (6, 1.6)])

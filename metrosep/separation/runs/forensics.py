@@ -84,11 +84,6 @@ _SHOWN, _ALIKE = 3.0, 1.5
 """Standard uncertainties of gain and shift, and chi-square per degree of freedom, below which the
 prediction of a run from the others shows no fault."""
 
-_WELL_SEEN = 0.07
-"""Standard uncertainty of the predicted gain up to which the prediction may withdraw a finding: it is
-0.02 to 0.052 where a vibration looks like another gain or place, 0.1 and more where a displaced run's
-waves were taken for a vibration at its feedrate; the middle of these in the logarithm."""
-
 _MOST_NAMED = 4
 """Runs whose faults an error message spells out."""
 
@@ -120,8 +115,8 @@ class RunChecks:
             kind, text = self.unsure.get(row, ("", ""))
             if not kind or not scores["misfit"][at] < _ALIKE:
                 continue  # what the others predict does not hold either
-            if not scores["u_predicted_gain"][at] < _WELL_SEEN:
-                continue  # the fit took what is odd for noise of this run, so it does not see its error
+            if not scores["predicted_gain"][at] > SURE * scores["u_predicted_gain"][at]:
+                continue  # the fit does not see that this run shows the error of the others
             alike = kind == "shape"
             for name, column, sound in (("shift", "shift_mm", 0.0), ("gain", "gain", 1.0)):
                 value, u = scores[f"predicted_{column}"][at], scores[f"u_predicted_{column}"][at]

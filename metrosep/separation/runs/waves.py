@@ -292,7 +292,14 @@ def _slips_most(
     if len(model.runs) < 3 or len(feeds) < 2 or len(model.slip) >= _MOST_SLIP:
         return None
     k = np.flatnonzero(model.harmonics())
-    p, spread = p_values(model, k, feeds, 1.0 if louder is None else louder[:, k], degrees)
+    p, spread = p_values(
+        model,
+        k,
+        feeds,
+        1.0 if louder is None else louder[:, k],
+        degrees,
+        within=louder is not None,
+    )
     found = benjamini_hochberg(p, rate=FALSE_DISCOVERY)
     if not found.any():
         return None
@@ -347,12 +354,15 @@ def p_values(
     feeds: list[int],
     louder: FloatArray | float = 1.0,
     degrees: float = math.inf,
+    *,
+    within: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
     """Return for each harmonic the largest p value with one feedrate omitted, and the variance.
 
     S = sum |q_r|^2, q_r = (h_r - G_r m)_k, over its expectation E = sum tr(G_r - G_r C G_r)_kk is
     chi-square over its degrees of freedom f = 2 (R - R_f)(R - 1)/R. Against a noise that is less, each
     run by a factor `louder` on each harmonic, and known with some degrees of freedom, it is F.
+    `within` takes the scatter about the mean of each feedrate: a lag, or a displaced feedrate, has no part in it.
     """
     from scipy.stats import chi2, f as f_distribution
 
@@ -361,10 +371,12 @@ def p_values(
     theta, n = model.post.theta, len(model.runs)
     root = model.post.full_root
     squares, expected, spread = np.zeros((n, k.size)), np.zeros((n, k.size)), np.zeros(k.size)
-    for row, mean, run in zip(squares, expected, model.seen, strict=True):
+    rests = np.zeros((n, 2, k.size))
+    for row, mean, pair, run in zip(squares, expected, rests, model.seen, strict=True):
         rest = run.right - run.gram @ theta
         aa, bb, ab = run.gram[i, i], run.gram[j, j], run.gram[i, j]
         row[:] = rest[i] ** 2 + rest[j] ** 2
+        pair[:] = rest[i], rest[j]
         held = run.gram[np.concatenate([i, j])] @ root
         known = np.einsum("ij,ij->i", held, held)
         mean[:] = np.maximum(aa + bb - known[: k.size] - known[k.size :], 1e-12 * (aa + bb))
@@ -372,11 +384,21 @@ def p_values(
         a, b = (bb * rest[i] - ab * rest[j]) / det, (aa * rest[j] - ab * rest[i]) / det
         spread += 0.5 * (a**2 + b**2 - (aa + bb) / det) / n
     of = np.array([r.feed for r in model.runs])
+    if within:
+        for feed in feeds:
+            mine = of == feed
+            away = rests[mine] - rests[mine].mean(axis=0)
+            squares[mine] = away[:, 0] ** 2 + away[:, 1] ** 2
+            expected[mine] *= 1.0 - 1.0 / mine.sum()
     squares *= louder
     p = []
     for feed in feeds:
         kept = of != feed
         freedom = 2.0 * kept.sum() * (n - 1.0) / n
+        if within:
+            freedom = 2.0 * (kept.sum() - np.unique(of[kept]).size)
+            if freedom <= 0.0:
+                return np.ones(k.size), spread
         ratio = squares[kept].sum(axis=0) / expected[kept].sum(axis=0)
         p.append(
             chi2.sf(freedom * ratio, freedom)

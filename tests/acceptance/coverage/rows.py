@@ -144,3 +144,8 @@ ROWS["1/f2 + lead"] = replace(
 for _j in range(12):  # one cell of the grid of the specification, k from 7.5
     _k = 7.5 + _j / 12.0
     ROWS[f"lead cell {_j}"] = replace(_lead(GRID_MM / _k), ends_only=True)
+# A real wave as large as what slips and of its length.
+ROWS["slip on a wave of 8 mm"] = replace(
+    ROWS["slip 8 mm"],
+    machine=replace(ROWS["slip 8 mm"].machine, waves=(*BASE_WAVES, (8.0, 120.0))),
+)
