@@ -19,7 +19,13 @@ from scipy.stats import cauchy, invgamma, norm, t as student
 
 from metrosep.core.errors import DegenerateFitError
 from metrosep.separation.runs.design import PreparedRun
-from metrosep.separation.runs.geometry import Extension, Sensor, Spectrum, filtered
+from metrosep.separation.runs.geometry import (
+    Extension,
+    Sensor,
+    Spectrum,
+    extension,
+    filtered,
+)
 from metrosep.separation.runs.leave_out import RunScore, displacement, run_scores
 from metrosep.separation.runs.lines import Terms
 from metrosep.separation.runs.noise import (
@@ -168,6 +174,24 @@ def test_runs_of_one_velocity_are_turned_as_one(model, apart, groups, away):
     assert np.abs(model.total[1] - right).max() < away * np.abs(right).max()
     each = sum(run.gram for run in model.seen)
     assert np.abs(each - gram).max() < 1e-12 * np.abs(gram).max()
+
+
+def test_what_separations_of_one_travel_share_is_of_that_travel_and_stays_as_it_is():
+    """Columns of a wave from the origin of each; what one separation could write into, the next would read."""
+    HELD = 1e-5  # of a wave between harmonics; the ridge of the basis leaves 2e-6
+    x = np.linspace(3.0, 20.0, 40)
+    for start, travel, n, origin in ((0.0, 24.0, 40, 0.0), (1.0, 24.0, 40, 0.0), (0.0, 23.0, 40, 0.0),
+                                     (0.0, 24.0, 41, 0.0), (0.0, 24.0, 40, 2.0)):  # fmt: skip
+        for _ in range(2):
+            ext = extension(start, travel, n, origin)
+            basis, (pair, *_) = ext.basis(x), np.hsplit(ext.wave(0.11), 1)
+            expected = np.cos(2.0 * np.pi * 0.11 * (x - origin))
+            np.testing.assert_allclose(basis @ pair[:, 0], expected, rtol=0.0, atol=HELD)
+            assert (ext.n, ext.travel, ext.start, ext.origin) == (n, travel, start, origin)
+            for shared in (ext.grid, *ext.scan()):
+                with pytest.raises(ValueError, match="read-only"):
+                    shared[0] = 1.0
+    assert extension(0.0, 24.0, 40, 2.0) is ext
 
 
 @pytest.mark.parametrize("odd", ["none", "gap", "place", "gain"])
