@@ -18,8 +18,16 @@ from scipy.signal import lfilter
 from scipy.stats import cauchy, invgamma, norm, t as student
 
 from metrosep.core.errors import DegenerateFitError
-from metrosep.separation.runs.geometry import Extension, Sensor, Spectrum, filtered
+from metrosep.separation.runs.design import PreparedRun
+from metrosep.separation.runs.geometry import (
+    Extension,
+    Sensor,
+    Spectrum,
+    extension,
+    filtered,
+)
 from metrosep.separation.runs.leave_out import RunScore, displacement, run_scores
+from metrosep.separation.runs.lines import Terms
 from metrosep.separation.runs.noise import (
     NoiseModel,
     burg,
@@ -29,6 +37,7 @@ from metrosep.separation.runs.noise import (
 )
 from metrosep.separation.runs.posterior import Model, RunEquations, Slip, Wave, averaged
 from metrosep.separation.runs.sensor import LAG_PRIOR, chance_of_lag, lag_score, likely_lag
+from metrosep.separation.runs.system import System
 from metrosep.separation.runs.waves import _scores, find_slip
 
 DT, SPEEDS, SIZES, K = 0.004, (80.0, 120.0, 160.0), (76, 51, 39), 6
@@ -165,6 +174,101 @@ def test_runs_of_one_velocity_are_turned_as_one(model, apart, groups, away):
     assert np.abs(model.total[1] - right).max() < away * np.abs(right).max()
     each = sum(run.gram for run in model.seen)
     assert np.abs(each - gram).max() < 1e-12 * np.abs(gram).max()
+
+
+def test_what_separations_of_one_travel_share_is_of_that_travel_and_stays_as_it_is():
+    """Columns of a wave from the origin of each; what one separation could write into, the next would read."""
+    HELD = 1e-5  # of a wave between harmonics; the ridge of the basis leaves 2e-6
+    x = np.linspace(3.0, 20.0, 40)
+    for start, travel, n, origin in ((0.0, 24.0, 40, 0.0), (1.0, 24.0, 40, 0.0), (0.0, 23.0, 40, 0.0),
+                                     (0.0, 24.0, 41, 0.0), (0.0, 24.0, 40, 2.0)):  # fmt: skip
+        for _ in range(2):
+            ext = extension(start, travel, n, origin)
+            basis, (pair, *_) = ext.basis(x), np.hsplit(ext.wave(0.11), 1)
+            expected = np.cos(2.0 * np.pi * 0.11 * (x - origin))
+            np.testing.assert_allclose(basis @ pair[:, 0], expected, rtol=0.0, atol=HELD)
+            assert (ext.n, ext.travel, ext.start, ext.origin) == (n, travel, start, origin)
+            for shared in (ext.grid, *ext.scan()):
+                with pytest.raises(ValueError, match="read-only"):
+                    shared[0] = 1.0
+    assert extension(0.0, 24.0, 40, 2.0) is ext
+
+
+@pytest.mark.parametrize("odd", ["none", "gap", "place", "gain"])
+def test_equations_of_runs_at_one_place_are_those_of_each_alone(odd):
+    """Four passes with readings of their own, one with a gap, elsewhere, or read with another gain.
+
+    Against the inverse of the covariance of the noise, whose first samples know no earlier one.
+    """
+    rng = np.random.default_rng(8)
+    x, step, k = np.linspace(0.0, 24.0, 40), 0.005, 5
+    z = rng.standard_normal((4, x.size))
+    z[2, 17:20] = np.nan if odd == "gap" else z[2, 17:20]
+    places = [x, x, x + (0.01 if odd == "place" else 0.0), x]
+    runs = [
+        PreparedRun(p, own, 120.0, step, 1, 0.0, str(i), step * np.arange(x.size))
+        for i, (p, own) in enumerate(zip(places, z, strict=True))
+    ]
+    terms = Terms(runs, drift=0, locked=False, several_feeds=False, set_up_anew=False)
+    extension = Extension(0.0, 24.0, k)
+    system = System(runs, extension=extension, terms=terms)
+    system.noise = [NoiseModel((np.ones(1), np.array([1.0, -0.6])), np.array([1.0, 0.64]), step)]
+    if odd == "gain":
+        system.gain[2] = 1.3
+    found = system.equations(Model(extension, Spectrum(k)))
+
+    lag = np.abs(np.subtract.outer(np.arange(x.size), np.arange(x.size)))
+    for i, run in enumerate(found):
+        known = ~np.isnan(z[i])
+        inverse = np.linalg.inv(
+            (0.6**lag)[np.ix_(known, known)]
+        )  # of unit variance: 0.64/(1 - 0.36)
+        gains = np.append(1.0, np.full(2 * k, system.gain[i]))
+        a, y = (extension.basis(places[i]) * gains)[known], system.z[i][known]
+        one = inverse.sum(axis=0)
+        inverse -= np.outer(one, one) / one.sum()  # the offset is free
+        np.testing.assert_allclose(run.gram, a.T @ inverse @ a, rtol=0.0, atol=1e-10)
+        np.testing.assert_allclose(run.right, a.T @ inverse @ y, rtol=0.0, atol=1e-10)
+        assert run.level_right == pytest.approx(one @ y / one.sum(), abs=1e-12)
+        np.testing.assert_allclose(run.level, one @ a / one.sum(), rtol=0.0, atol=1e-12)
+
+
+def test_a_solution_follows_whatever_changed_since_the_last(model):
+    """Waves, their strength, the spectrum, the harmonics in use or the matrix, against a dense solution."""
+    ext = model.extension
+
+    def check():
+        post, on, columns = model.solve(), model.used(), [w.columns for w in model.waves]
+        table = np.hstack([np.eye(1 + 2 * K)[:, on], *columns])
+        normal = table.T @ model.total[0] @ table + np.diag(model.precision())
+        covariance = table @ np.linalg.inv(normal) @ table.T
+        close(post.theta, covariance @ model.total[1])
+        close(post.covariance(), covariance)
+        side = table.T @ model.total[1]
+        logs = np.linalg.slogdet(normal)[1] - np.log(model.precision()).sum()
+        close(post.evidence, 0.5 * (side @ np.linalg.solve(normal, side) - logs))
+
+    check()
+    model.waves = [Wave(0.11, ext.wave(0.11), 500.0), Wave(0.17, ext.wave(0.17), 80.0)]
+    check()
+    model.waves[1].variance = 9.0
+    check()
+    pair = model.post.mean[model.wave_parts()[0]]
+    change = ext.wave_change(0.11, pair)
+    model.waves[0].columns = np.column_stack([ext.wave(0.11), change])
+    check()
+    model.spectrum.phi = model.spectrum.phi + 0.7
+    check()
+    model.kept = K - 2
+    check()
+    model.sensor = Sensor(2e-3, 1e-6)
+    model.apply()
+    close(model.total[0], sum(r.gram for r in model.seen))
+    check()
+    model.take([replace(r, gram=2.0 * r.gram, right=1.5 * r.right) for r in model.runs])
+    check()
+    model.waves.clear()
+    check()
 
 
 @pytest.mark.parametrize("level", [1e-9, 1e9])
@@ -369,9 +473,10 @@ def test_equations_of_a_slipping_run_that_have_no_factor_are_refused(model):
     """A matrix that no readings can have: what came of it passed as a solution."""
     broken = replace(model.runs[0], gram=-1e6 * np.eye(model.runs[0].gram.shape[0]))
     model.slip = [slip_of_4()]
+    model.take([broken, *model.runs[1:]])
 
     with pytest.raises(DegenerateFitError, match="do not determine"):
-        model.take([broken, *model.runs[1:]])
+        _ = model.total
 
 
 @pytest.mark.parametrize("n_extra", [0, 2])

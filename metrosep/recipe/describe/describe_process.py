@@ -298,13 +298,16 @@ def _cause_maps(produced: Any, found: dict[str, Quantity]) -> list[dict[str, Any
     x, y = np.meshgrid(axis, axis)
     places = np.column_stack([prediction.x, prediction.y])
     thin = slice(None, None, max(1, places.shape[0] // 200_000))
-    near = cKDTree(places[thin]).query(np.column_stack([x.ravel(), y.ravel()]))
-    distance, nearest = np.asarray(near[0]), np.asarray(near[1])
-    far = (np.hypot(x, y) > reach) | (distance.reshape(x.shape) > 3.0 * reach / _PIXELS)
+    # beyond the bound no sample is looked for: of a ring the pixels in its middle took the longest
+    near = cKDTree(places[thin]).query(
+        np.column_stack([x.ravel(), y.ravel()]), distance_upper_bound=3.0 * reach / _PIXELS
+    )
+    nearest = np.asarray(near[1]).reshape(x.shape)
+    seen = (np.hypot(x, y) <= reach) & np.isfinite(np.asarray(near[0]).reshape(x.shape))
     shown = {}
     for name, z in {**maps, "sum": prediction.total}.items():
-        pixels = z[thin][nearest].reshape(x.shape)
-        shown[name] = np.where(far, np.nan, pixels)
+        shown[name] = np.full(x.shape, np.nan)
+        shown[name][seen] = z[thin][nearest[seen]]
     step = float(axis[1] - axis[0])
     whole = {name: found[f"{name}.pv"].value for name in maps if f"{name}.pv" in found}
     if "pointwise" in found:

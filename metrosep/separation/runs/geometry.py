@@ -12,6 +12,7 @@ extension, eq. 9). Equation numbers are those of separation-2.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -23,6 +24,7 @@ __all__ = [
     "Extension",
     "Sensor",
     "Spectrum",
+    "extension",
     "filtered",
     "seen_through",
 ]
@@ -67,6 +69,8 @@ class Extension:
         e = self.basis(self.grid)
         normal = e.T @ e + _RIDGE * self.grid.size * np.eye(e.shape[1])
         self._pseudo = np.linalg.solve(normal, e.T)
+        for shared in (self.grid, self._pseudo):
+            shared.setflags(write=False)
         self._scan: tuple[FloatArray, FloatArray] | None = None
 
     @property
@@ -104,6 +108,8 @@ class Extension:
             most = HELD_SHARE * self.n / self.period
             grid = np.arange(1.0 / self.travel, most, 1.0 / (_PER_CELL * self.travel))
             self._scan = grid, self.wave(grid)
+            for shared in self._scan:
+                shared.setflags(write=False)
         return self._scan
 
     def wave_change(self, wavenumber: float, pair: FloatArray) -> FloatArray:
@@ -111,6 +117,12 @@ class Extension:
         along = 2.0 * np.pi * (self.grid - self.origin)
         phase = wavenumber * along
         return self.coefficients(along * (pair[1] * np.cos(phase) - pair[0] * np.sin(phase)))
+
+
+@lru_cache(maxsize=2)
+def extension(start: float, travel: float, n_harmonics: int, origin: float) -> Extension:
+    """Return the functions on a travel; both directions, and fits without a run, mostly have the same."""
+    return Extension(start, travel, n_harmonics, origin=origin)
 
 
 @dataclass(slots=True, eq=False)

@@ -118,7 +118,7 @@ def _check_factor(info: int) -> None:
         )
 
 
-_BLOCK = 96
+_BLOCK = 48
 """Rows of a triangle that are inverted at once; that of the library takes half as long again."""
 
 
@@ -126,13 +126,27 @@ def _inverse(lower: FloatArray) -> FloatArray:
     """Return the inverse of a lower triangle, in its place: block columns, the last one first."""
     from scipy.linalg.lapack import dtrtri
 
-    for first in reversed(range(0, len(lower), _BLOCK)):
-        own = slice(first, first + _BLOCK)
-        rest = slice(first + _BLOCK, None)
+    n = len(lower)
+    for first in reversed(range(0, n, _BLOCK)):
+        below = first + _BLOCK
+        own = slice(first, below)
         corner = dtrtri(lower[own, own], lower=1)[0]
-        lower[rest, own] = -lower[rest, rest] @ (lower[rest, own] @ corner)
+        side = lower[below:, own] @ corner
+        for row in range(below, n, 2 * _BLOCK):  # of a triangle only what is not zero
+            end = row + 2 * _BLOCK
+            lower[row:end, own] = -lower[row:end, below:end] @ side[: end - below]
         lower[own, own] = corner
     return lower
+
+
+def _factored(matrix: FloatArray) -> tuple[FloatArray, float]:
+    """Return the inverse of the lower Cholesky factor of a matrix, in whose place it is, and ln det."""
+    from scipy.linalg.lapack import dpotrf
+
+    factor, info = dpotrf(matrix.T, lower=1, clean=1, overwrite_a=1)
+    _check_factor(info)
+    logs = 2.0 * float(np.log(np.diag(factor)).sum())
+    return _inverse(factor), logs
 
 
 @dataclass(slots=True, eq=False)
@@ -236,10 +250,10 @@ class Model:
     repeats: float = 1.0  # variance of what repeats over that of the slip
     kept: int = 0  # harmonics in use; all K in the last solution
     runs: list[RunEquations] = field(default_factory=list)  # as read
-    # sums over the runs of one velocity, as read and as seen
+    # sums over the runs of one velocity, as read; then as seen, and the sum of all
     speeds: list[tuple[list[RunEquations], RunEquations]] = field(default_factory=list)
-    by_speed: list[RunEquations] = field(default_factory=list)
-    total: tuple[FloatArray, FloatArray] = field(default_factory=lambda: (np.empty(0),) * 2)
+    _by_speed: list[RunEquations] | None = None
+    _total: tuple[FloatArray, FloatArray] | None = None
     post: Posterior | None = None
     # s^2: variances of a lag because the runs are displaced, each by its own; and their chances
     lag_variances: tuple[FloatArray, FloatArray] = PLACED
@@ -247,6 +261,16 @@ class Model:
     _seen: list[RunEquations] | None = None
     # the equations of which `post` is the solution
     _solved: _Equations | None = None
+    # the last matrix and columns of the waves, and the columns in all coordinates with their product
+    _waves_last: tuple[_Equations | None, tuple[FloatArray, FloatArray]] = (
+        None,
+        (np.empty((0, 0)),) * 2,
+    )
+    # the last equations of the coordinates in use, and the inverse of their factor with ln det
+    _factored_last: tuple[_Equations | None, tuple[FloatArray, float]] = (
+        None,
+        (np.empty((0, 0)), 0.0),
+    )
     # of the noise models of a sum of all runs, which is the first
     _roots: tuple[FloatArray, list[FloatArray]] = field(default_factory=lambda: (np.empty(0), []))
 
@@ -268,12 +292,23 @@ class Model:
         self.apply()
 
     def apply(self) -> None:
-        """Eliminate slip and apply the sensor anew (eqs. 6, 7)."""
-        # A sensor turns all runs of one velocity alike: their sum is turned once.
-        self._seen = None
-        self.by_speed = [self._as_seen(group, whole) for group, whole in self.speeds]
-        whole = _sum(self.by_speed)
-        self.total = whole.gram, whole.right
+        """Eliminate slip and apply the sensor anew (eqs. 6, 7), where the sums are asked for next."""
+        self._seen = self._by_speed = self._total = None
+
+    @property
+    def by_speed(self) -> list[RunEquations]:
+        """Sums over the runs of one velocity as seen: a sensor turns them alike, so their sum once."""
+        if self._by_speed is None:
+            self._by_speed = [self._as_seen(group, whole) for group, whole in self.speeds]
+        return self._by_speed
+
+    @property
+    def total(self) -> tuple[FloatArray, FloatArray]:
+        """Matrix and vector of all runs, as seen."""
+        if self._total is None:
+            whole = _sum(self.by_speed)
+            self._total = whole.gram, whole.right
+        return self._total
 
     @property
     def seen(self) -> list[RunEquations]:
@@ -323,11 +358,8 @@ class Model:
 
     # ---- solution --------------------------------------------------------------------------
 
-    def wave_columns(self) -> FloatArray:
-        """Return the columns of what slips and repeats, and of the waves, shape (N, m)."""
-        return self._expanded(self._columns())
-
     def _columns(self) -> list[FloatArray]:
+        """Return the columns of what slips and repeats, then those of the waves."""
         return [s.columns for s in self._repeating()] + [w.columns for w in self.waves]
 
     def _repeating(self) -> list[Slip]:
@@ -369,46 +401,58 @@ class Model:
         """Solve for the coefficients (eq. 8), unless the last solution is of the same equations."""
         asked = (self.total[0], self.precision(), self.used(), self._columns())
         if self.post is None or not _same(asked, self._solved):
-            self.post = self._solution(*self.total, *asked[1:3], self.wave_columns())
+            self.post = self._solution(*self.total, *asked[1:3])
             self._solved = asked
         return self.post
 
     def solution(self, gram: FloatArray, right: FloatArray) -> Posterior:
         """Return the posterior of some equations under the prior at hand (eq. 8)."""
-        return self._solution(gram, right, self.precision(), self.used(), self.wave_columns())
+        return self._solution(gram, right, self.precision(), self.used())
 
-    @staticmethod
     def _solution(
-        gram: FloatArray,
-        right: FloatArray,
-        precision: FloatArray,
-        used: IntArray,
-        waves: FloatArray,
+        self, gram: FloatArray, right: FloatArray, precision: FloatArray, used: IntArray
     ) -> Posterior:
         """Return the posterior of equations under a prior, of coordinates in use and waves."""
-        from scipy.linalg.lapack import dpotrf
-
         n = used.size
-        matrix = np.empty((precision.size, precision.size))
-        if n == gram.shape[0]:
-            matrix[:n, :n] = gram
-        else:
-            matrix[:n, :n] = gram[np.ix_(used, used)]
+        inverse, logs = self._of_coordinates(gram, precision[:n], used)
+        waves, half = self._of_waves(gram)
         side = right[used]
         if waves.shape[1]:
-            half = gram @ waves
-            matrix[:n, n:], matrix[n:, :n] = half[used], half[used].T
-            matrix[n:, n:] = waves.T @ half
+            across = inverse @ half[used]
+            own = waves.T @ half - across.T @ across
+            own.ravel()[:: len(own) + 1] += precision[n:]
+            corner, more = _factored(own)
+            base, inverse = inverse, np.zeros((precision.size,) * 2, order="F")
+            inverse[:n, :n] = base
+            inverse[n:, :n] = -(corner @ across.T) @ base
+            inverse[n:, n:] = corner
+            logs += more
             side = np.concatenate([side, waves.T @ right])
-        # A Cholesky factor is as exact without its rows and columns being scaled to one size.
-        matrix.ravel()[:: precision.size + 1] += precision
-        factor, info = dpotrf(matrix.T, lower=1, clean=1, overwrite_a=1)
-        _check_factor(info)
-        logs = 2.0 * float(np.log(np.diag(factor)).sum())
-        root = _inverse(factor).T
+        root = inverse.T
         mean = root @ (root.T @ side)
         evidence = 0.5 * (float(side @ mean) - logs + float(np.log(precision).sum()))
         return Posterior(mean, used, waves, root, evidence)
+
+    def _of_coordinates(
+        self, gram: FloatArray, precision: FloatArray, used: IntArray
+    ) -> tuple[FloatArray, float]:
+        """Return what `_factored` does of the coordinates in use, which have no part in the waves."""
+        asked: _Equations = (gram, precision, used, [])
+        if not _same(asked, self._factored_last[0]):
+            whole = used.size == len(gram)
+            matrix = gram.copy() if whole else gram.take(used, axis=0).take(used, axis=1)
+            # A Cholesky factor is as exact without its rows and columns being scaled to one size.
+            matrix.ravel()[:: used.size + 1] += precision
+            self._factored_last = asked, _factored(matrix)
+        return self._factored_last[1]
+
+    def _of_waves(self, gram: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the columns of the waves, and a matrix times these, kept while both stay the same."""
+        asked = (gram, np.empty(0), np.empty(0, dtype=int), self._columns())
+        if not _same(asked, self._waves_last[0]):
+            waves = self._expanded(asked[3])
+            self._waves_last = asked, (waves, gram @ waves)
+        return self._waves_last[1]
 
     # ---- learning --------------------------------------------------------------------------
 

@@ -38,9 +38,9 @@ from metrosep.separation.runs.geometry import (
     PERIOD_SHARE,
     SLOPE,
     SLOPE_SD,
-    Extension,
     Sensor,
     Spectrum,
+    extension,
     filtered,
 )
 from metrosep.separation.runs.leave_out import Displacement, RunScore, displacement, run_scores
@@ -114,10 +114,10 @@ def solve_joint(
             several_feeds=several_feeds,
             set_up_anew=set_up_anew,
         )
-        extension = Extension(travel[0], travel[1] - travel[0], n_harmonics, origin=origin)
-        system = System(runs, extension=extension, terms=terms, robust=options.robust)
+        ext = extension(travel[0], travel[1] - travel[0], n_harmonics, origin)
+        system = System(runs, extension=ext, terms=terms, robust=options.robust)
         state_terms(system, options)
-        model = Model(extension, Spectrum(n_harmonics), line_sd=system.line_sd)
+        model = Model(ext, Spectrum(n_harmonics), line_sd=system.line_sd)
         model.slip_is_geometry = options.slip == "geometry"
         model.sensor = Sensor(lag)
         seek_lag = several_feeds and lag_mode != "stated" and options.following != "waves"

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -76,7 +77,7 @@ class System:
         self.slope_gain = np.ones(len(runs))
         self.unknowns: list[Unknown] = []
         self.n_marked_again = 0
-        self._bases: dict[int, FloatArray] = {}
+        self._bases: dict[tuple[bytes, float], FloatArray] = {}
         self.passes = shared_passes(runs)
         self.sharing = (1.0, 0.0)  # growth of the variance of a row; correlation of two probes
         self.weights = RowWeights.gross(self.z, [r.x for r in runs]) if robust else None
@@ -108,14 +109,15 @@ class System:
 
     def basis(self, index: int) -> FloatArray:
         """Return line, cosines and sines of one run, averaged as its samples are; no gain."""
-        held = self._bases.get(index)
+        run = self.runs[index]
+        place = run.x.tobytes(), run.block_length
+        held = self._bases.get(place)
         if held is not None:
             return held
-        run = self.runs[index]
         basis = self.extension.basis(run.x, block_length=run.block_length)
         basis.setflags(write=False)
         if sum(r.x.size for r in self.runs) * basis.shape[1] <= _MAX_HELD:
-            self._bases[index] = basis
+            self._bases[place] = basis
         return basis
 
     def columns(self, index: int, model: Model) -> list[FloatArray]:
@@ -153,24 +155,39 @@ class System:
         """Return the equations of every run (eqs. 4, 5): one pass over the samples."""
         out: list[RunEquations | None] = [None] * len(self.runs)
         for number, (group, noise) in enumerate(zip(self.groups, self.noise, strict=True)):
-            for i in group:
-                rows = self.rows(i, noise, self.columns(i, model))
+            for same in self._at_one_place(group):
+                i, k = same[0], len(same)
+                rows = self.rows(same, noise, self.columns(i, model))
                 products = rows.T @ rows  # of the columns, then the readings, then the offset
-                own, y, o = products[:-2, :-2], products[-2], products[-1]
-                oo = max(float(o[-1]), 1e-300)
-                ao, oy = o[:-2], float(o[-2])
-                out[i] = RunEquations(
-                    gram=own - np.outer(ao / oo, ao),
-                    right=y[:-2] - ao * (oy / oo),
-                    level=ao / oo,
-                    level_right=oy / oo,
-                    level_information=oo,
-                    velocity=self.runs[i].velocity,
-                    feed=self.feeds[i],
-                    length=float(np.ptp(self.runs[i].x)) * float(np.mean(~np.isnan(self.z[i]))),
-                    group=number,
-                )
+                n, oo = rows.shape[1] - k - 1, max(float(products[-1, -1]), 1e-300)
+                own, ao = products[:n, :n], products[-1, :n]
+                gram, level = own - np.outer(ao / oo, ao), ao / oo
+                for j, y in zip(same, products[n:-1], strict=True):
+                    oy = float(y[-1])
+                    out[j] = RunEquations(
+                        gram=gram,
+                        right=y[:n] - ao * (oy / oo),
+                        level=level,
+                        level_right=oy / oo,
+                        level_information=oo,
+                        velocity=self.runs[j].velocity,
+                        feed=self.feeds[j],
+                        length=float(np.ptp(self.runs[j].x))
+                        * float(np.mean(~np.isnan(self.z[j]))),
+                        group=number,
+                    )
         return [run for run in out if run is not None]
+
+    def _at_one_place(self, group: Sequence[int]) -> list[list[int]]:
+        """Return the runs of a group, together those that have all columns and rows in common."""
+        if self.terms.size or self.unknowns or self.weights is not None:
+            return [[i] for i in group]
+        found: dict[tuple[Any, ...], list[int]] = {}
+        for i in group:
+            run, gains = self.runs[i], (self.gain[i], self.slope_gain[i])
+            places = (run.x.tobytes(), np.isnan(self.z[i]).tobytes(), run.block_length)
+            found.setdefault((*places, *gains), []).append(i)
+        return list(found.values())
 
     def rescaled(
         self, runs: Sequence[RunEquations], before: Sequence[float]
@@ -197,7 +214,7 @@ class System:
         score, own, cross = np.zeros(q), np.zeros((q, q)), np.zeros((theta.size, q))
         for group, noise in zip(self.groups, self.noise, strict=True):
             for i in group:
-                rows = self.rows(i, noise, [*self.columns(i, model), columns_of(i)])
+                rows = self.rows([i], noise, [*self.columns(i, model), columns_of(i)])
                 o = rows[:, -1]
                 rows = rows[:, :-1] - np.outer(o, o @ rows[:, :-1]) / max(float(o @ o), 1e-300)
                 h = model.sensor.response(self.extension.wavenumbers, self.runs[i].velocity)
@@ -208,11 +225,14 @@ class System:
                 cross += filtered(base.T @ extra, np.conj(h))
         return score, own, cross
 
-    def rows(self, index: int, noise: NoiseModel, columns: Sequence[FloatArray]) -> FloatArray:
-        """Return whitened columns, reading and offset of one run; unknown samples projected out."""
-        z = self.z[index]
+    def rows(
+        self, same: Sequence[int], noise: NoiseModel, columns: Sequence[FloatArray]
+    ) -> FloatArray:
+        """Return whitened columns, readings and offset of runs at one place; unknown samples projected out."""
+        index = same[0]
         parts = self._parts(index)
-        tables = [*columns, np.column_stack([np.nan_to_num(z), np.ones(z.size)])]
+        readings = [np.nan_to_num(self.z[i]) for i in same]
+        tables = [*columns, np.column_stack([*readings, np.ones(readings[0].size)])]
         rows = exact_rows(tables, noise, parts)
         unit = exact_rows([self._marks(index)], noise, parts)
         if self.weights is not None and self.weights.weight:
