@@ -6,6 +6,7 @@ the autocorrelation by its definition along rays.
 
 import csv
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -320,14 +321,16 @@ def hostile(kind):
 
 NAMED = {
     "lay": {"Sdq": 0.2, "Sdr": 0.4},
-    "tiny": dict.fromkeys("Sk Spk Svk Smrk1 Smrk2 Sak1 Sak2 Spkx Svkx Sal Str".split(), 0.5),
+    "tiny": dict.fromkeys(
+        ["Sk", "Spk", "Svk", "Smrk1", "Smrk2", "Sak1", "Sak2", "Spkx", "Svkx", "Sal", "Str"], 0.5
+    ),
 }
 """Rules that differ: slopes beside holes are one-sided and rough where a spike is near, theirs left out
 (docs/parameters/sdq.md); of 256 samples two windows of 40 % are nearly as flat, and a lag of two pixels is between pixels."""
 
 
 @pytest.mark.parametrize("kind", ["lay", "tiny"])
-def test_symbols_of_hostile_maps_by_command_recipe_and_batch(kind, tmp_path, monkeypatch):
+def test_symbols_of_hostile_maps_by_command_recipe_and_csv(kind, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     surface = hostile(kind)
     ms.write(surface, "map.h5")
@@ -350,16 +353,16 @@ def test_symbols_of_hostile_maps_by_command_recipe_and_batch(kind, tmp_path, mon
         assert found[symbol] == pytest.approx(value, rel=within, abs=0.0), symbol
 
     listed = ", ".join(f'"{v}"' for v in own)
-    with open("r.toml", "w", encoding="utf-8") as file:
-        file.write(
-            'metrosep = 1\n[input]\nfiles = ["map.h5"]\n[[step]]\nop = "form"\nform = "plane"\n'
-            f'[[step]]\nop = "parameters"\nnames = [{listed}]\n[[output]]\nkind = "report"\n'
-        )
+    Path("r.toml").write_text(
+        'metrosep = 1\n[input]\nfiles = ["map.h5"]\n[[step]]\nop = "form"\nform = "plane"\n'
+        f'[[step]]\nop = "parameters"\nnames = [{listed}]\n[[output]]\nkind = "report"\n',
+        encoding="utf-8",
+    )
     run("run", "r.toml", "-o", "one")
-    with open("one/result.json", encoding="utf-8") as file:
-        rows = {c["metric"]: c["value"] for c in json.load(file)["characteristics"]}
+    document = json.loads(Path("one/result.json").read_text(encoding="utf-8"))
+    rows = {c["metric"]: c["value"] for c in document["characteristics"]}
     run("report", "one", "--format", "csv", "-o", "table")
-    with open("table/report.csv", encoding="utf-8-sig", newline="") as file:
-        lines = {r["metric"]: float(r["value"]) for r in csv.DictReader(file)}
+    table = Path("table/report.csv").read_text(encoding="utf-8-sig").splitlines()
+    lines = {r["metric"]: float(r["value"]) for r in csv.DictReader(table)}
     for symbol, value in found.items():
         assert (rows[symbol], lines[symbol]) == (value, value), symbol
