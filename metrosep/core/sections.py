@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray, lateral, place, position
+from metrosep.core._arrays import BoolArray, FloatArray, lateral, place, position
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.profile import Profile
@@ -35,6 +36,16 @@ _REACH = np.arange(-3, 5)
 
 _AT_ONCE = 20_000
 """Samples whose neighbours are held at a time: 10 MB."""
+
+_MISSING_AT_ONCE = 500
+"""Missing pixels that are predicted at a time: 10 MB."""
+
+_KNOWN = 2.0 / 3.0
+"""Of the 8 and of the 48 pixels around a missing one that must be measured, as where hills are found."""
+
+_NOISE, _OF_PLANE = 1e-3, 1e3
+"""Variances over that of the waves: of noise, so that a prediction holds no more of it than a pixel does,
+and of a plane, which is unknown."""
 
 _MOST_SAMPLES = 10_000_000
 """Largest number of samples of a section; a line that needs more is a slip of the unit."""
@@ -411,7 +422,13 @@ def _refined(z: FloatArray, row: FloatArray, column: FloatArray, heights: FloatA
     which = np.flatnonzero(between & inside)
     done = 0
     for k in np.array_split(which, max(1, -(-which.size // _AT_ONCE))):
-        patch = z[i[k, None, None] + _REACH[:, None], j[k, None, None] + _REACH]
+        rows, columns = np.broadcast_arrays(
+            i[k, None, None] + _REACH[:, None], j[k, None, None] + _REACH
+        )
+        patch = z[rows, columns]
+        lost = np.isnan(patch)
+        if lost.any():
+            patch[lost] = _instead(z, rows[lost], columns[lost])
         whole = ~np.isnan(patch).any(axis=(1, 2))
         some, patch = k[whole], patch[whole]
         better = _lanczos(patch, v[some], u[some]) - heights[some]
@@ -420,6 +437,49 @@ def _refined(z: FloatArray, row: FloatArray, column: FloatArray, heights: FloatA
         done += some.size
     n = int(np.count_nonzero(between))
     return (n - done) / n if n else 0.0
+
+
+def _instead(z: FloatArray, row: NDArray[np.intp], column: NDArray[np.intp]) -> FloatArray:
+    """Return what the pixels around say of missing ones, NaN where fewer than two thirds were measured.
+
+    The best linear prediction of waves of 3 pixels and more, all alike, of an unknown plane below them.
+    """
+    offsets, near, C, c = _prediction()
+    pixel, at = np.unique(row * z.shape[1] + column, return_inverse=True)
+    found = np.full(pixel.size, np.nan)
+    for part in np.array_split(np.arange(pixel.size), -(-pixel.size // _MISSING_AT_ONCE)):
+        i, j = np.divmod(pixel[part], z.shape[1])
+        around = _at(z, *((v[:, None] + o).ravel() for v, o in zip((i, j), offsets, strict=True)))
+        around = around.reshape(part.size, -1)
+        seen = ~np.isnan(around)
+        known = (seen.mean(axis=1) >= _KNOWN) & (seen[:, near].mean(axis=1) >= _KNOWN)
+        seen, heights = seen[known], np.where(seen, around, 0.0)[known]
+        both = seen[:, :, None] & seen[:, None, :]
+        weights = np.linalg.solve(np.where(both, C, np.eye(c.size)), (seen * c)[:, :, None])[
+            ..., 0
+        ]
+        found[part[known]] = np.einsum("ij,ij->i", weights, heights)
+    return found[at]
+
+
+@lru_cache(maxsize=1)
+def _prediction() -> tuple[NDArray[np.intp], BoolArray, FloatArray, FloatArray]:
+    """Return rows and columns around a pixel, which touch it, and their covariances with each other and it."""
+    y, x = (v.ravel() for v in np.mgrid[-4:5, -4:5])
+    squares = x * x + y * y
+    here = (squares <= 16) & (squares > 0)
+    y, x, squares = y[here], x[here], squares[here]
+    f = np.linspace(-1.0, 1.0, 81) / 3.0
+    fy, fx = (v[np.add.outer(f * f, f * f) <= 1.0 / 9.0] for v in np.meshgrid(f, f))
+
+    def covariance(dy: FloatArray, dx: FloatArray, plane: FloatArray) -> FloatArray:
+        waves = np.cos(2.0 * np.pi * (dy[..., None] * fy + dx[..., None] * fx)).mean(axis=-1)
+        return np.asarray(waves + _OF_PLANE * plane)
+
+    level = 1.0 + np.multiply.outer(y, y) + np.multiply.outer(x, x)
+    C = covariance(np.subtract.outer(y, y), np.subtract.outer(x, x), level)
+    C += _NOISE * np.eye(x.size)
+    return np.stack([y, x]), squares <= 2, C, covariance(y, x, np.ones(x.size))
 
 
 def _lanczos(patch: FloatArray, v: FloatArray, u: FloatArray) -> FloatArray:

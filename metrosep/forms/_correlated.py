@@ -493,8 +493,8 @@ def _next_to_the_model(
     changes them, so that they are normal with the covariance F' C F (restricted likelihood). F is 0 where
     a block is not `whole`: its mean departs from the height at its middle, by little, but by more than
     smooth deviations have in the last degrees. C is white as far as the residual reaches, a short
-    correlation or a spectrum of `likely_spectra`, both with white noise below them, alike in all directions,
-    all with equal odds; or a lay (`_LAY`). With the scale of each integrated out, the residual gives every
+    correlation, one of a length on the map or a spectrum that rises beyond it (`likely_spectra`), the last
+    three with white noise below them, alike in all directions, all with equal odds; or a lay (`_LAY`). With the scale of each integrated out, the residual gives every
     C a weight and every parameter a Student distribution. u is such that the mixture of these holds
     COVERAGE within t(n) u. No parameter gets more than a bound by energy (`_bound`).
     """
@@ -521,7 +521,7 @@ def _next_to_the_model(
         across = angle_across(x, y, r, own.last)
         f, G = under_waves(x, y, np.column_stack([Q, F]), own.last, angle=across)
         S, odds = likely_spectra(f, n_smooth=16)
-        found += _coloured(_under_spectra(S, G, p), t, inverse, _LAY * odds)
+        found += _coloured(_under_spectra(S, G, p), t, inverse, _LAY / odds.sum() * odds)
     logs = np.array([v for v, _, _ in found])
     kept, weights = _likely(logs)
     covs = np.stack([found[k][2] for k in kept])

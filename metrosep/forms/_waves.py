@@ -18,6 +18,10 @@ NARROW = 0.5
 """Of the sides: the rings hold fewer than half of the degrees across."""
 _ALIKE = 0.04
 """Waves whose frequencies differ by a smaller share are one ring: no spectrum has sharper bends."""
+_POWERS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
+"""Of spectra that rise towards long waves."""
+_RISING = np.array([1.0, 2.0, 4.0])
+"""Widths of the map up to which they do."""
 
 
 def under_waves(
@@ -160,35 +164,41 @@ def likely_spectra(f: FloatArray, n_smooth: int = 45) -> tuple[FloatArray, Float
     """Return the spectra that a surface may have, (number, frequencies), and the odds of each.
 
     (1 + 2 (pi l f)^2 / B)^(-B/2), f in periods per width, falls as f^-B from a length l on;
-    exp(-(pi l f)^2), its limit, is the Gaussian correlation. All six kinds have the same odds: half for
-    lengths from a sixteenth of the width on, and half for those of a width and more, where the map sees a
-    pure power law. A smooth kind as long as the map would be a form, and has lengths up to the width only.
+    exp(-(pi l f)^2), its limit, is the Gaussian correlation. Two classes have odds of 1 each: lengths from
+    a sixteenth of the width up to it, and, as no width is that of the surface, spectra that still rise
+    there, where the map sees a pure power law. Within a class all kinds have the same odds. Powers lie
+    near enough for one between two of them: with whole ones only, f^-1.5 was taken for a steeper one that
+    levels off. A smooth kind as long as the map would be a form, and has lengths up to the width only.
     """
     found, odds = [], []
-    for B in (1.0, 2.0, 3.0, 4.0, 8.0, np.inf):
+    for B in (*_POWERS, 8.0, np.inf):
         is_limit = bool(np.isinf(B))
-        n = n_smooth if is_limit else 16 if B >= 8.0 else 10
-        lengths = np.geomspace(1 / 16, 4.0 if B < 8.0 else 1.0, n)
-        square = np.square(np.pi * lengths[:, None] * f)
-        found.append(np.exp(-square) if is_limit else (1.0 + 2.0 * square / B) ** (-0.5 * B))
-        long = lengths >= 0.99
-        share = np.where(long, 0.5 / long.sum(), 0.5 / (~long).sum())
-        odds.append((share if B < 8.0 else np.full(n, 1.0 / n)) / 6.0)
+        n = n_smooth if is_limit else 16 if B >= 8.0 else 8
+        lengths = np.geomspace(1 / 16, 1.0, n, endpoint=B >= 8.0)
+        found += [_levelling(lengths, f, B)]
+        odds += [np.full(n, 1.0 / n / (len(_POWERS) + 2))]
+    for B in _POWERS:
+        found += [_levelling(_RISING, f, B)]
+        odds += [np.full(_RISING.size, 1.0 / _RISING.size / len(_POWERS))]
     return np.concatenate(found), np.concatenate(odds)
 
 
 def with_short_ones(f: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return `likely_spectra` and those of texture, nearly white along the polynomials, and the odds of each.
 
-    Texture is smooth or exponential (B = 3), of lengths below those of `likely_spectra`. It has the odds of a kind.
+    Texture is smooth or exponential (B = 3), of lengths below those of `likely_spectra`. It is a third class.
     """
     S, odds = likely_spectra(f)
-    square = np.square(np.pi * np.geomspace(1 / 64, 1 / 16, 9)[:-1, None] * f)
-    short = np.concatenate(
-        [(1.0 + 2.0 * square / B) ** (-0.5 * B) for B in (3.0, 8.0)] + [np.exp(-square)]
-    )
+    lengths = np.geomspace(1 / 64, 1 / 16, 9)[:-1]
+    short = np.concatenate([_levelling(lengths, f, B) for B in (3.0, 8.0, np.inf)])
     n = len(short)
     return np.concatenate([S, short]), np.concatenate([odds, np.full(n, 1.0 / n)])
+
+
+def _levelling(lengths: FloatArray, f: FloatArray, B: float) -> FloatArray:
+    """Return spectra that are flat up to a frequency of 1/length and fall as f^-B from there on."""
+    square = np.square(np.pi * lengths[:, None] * f)
+    return np.exp(-square) if np.isinf(B) else np.asarray((1.0 + 2.0 * square / B) ** (-0.5 * B))
 
 
 def narrowness(x: FloatArray, y: FloatArray) -> float:

@@ -311,9 +311,8 @@ class PsdVerdict:
             Of all bands: the largest true ratio less `worst`; where a band is rejected, `worst` less the
             largest of the least ones.
         """
-        least, most = (
-            max(ends) for ends in zip(*(b.between(risk) for b in self.bands), strict=True)
-        )
+        ends = [b.between(risk) for b in self.bands]
+        least, most = max(v[0] for v in ends), max(v[1] for v in ends)
         ratio = self.worst.ratio
         rejected = any(b.verdict == "reject" for b in self.bands)
         return ratio - least if rejected else most - ratio
