@@ -561,6 +561,7 @@ def terms_found(
     cov: FloatArray,
     unseen: set[str],
     curves: Mapping[str, CurveTerm],
+    most: Mapping[str, float] = LARGEST,
 ) -> tuple[dict[str, ErrorTerm], dict[str, ErrorTerm]]:
     """Return terms, NaN where not determined, and the smallest that explain the readings."""
     errors: dict[str, ErrorTerm] = {}
@@ -578,10 +579,10 @@ def terms_found(
             term = curves.get(name) or CurveTerm(beta[mine], cov[mine, mine], basis)
         unit = term_unit(chain, name)
         largest = float(np.abs(beta[mine]).max())
-        if largest > LARGEST[unit]:
+        if largest > most[unit]:
             raise DataError(
                 f"{name} would be {format_engineering(largest, unit)}, which no machine has: check the "
-                "machine, the units and the tool points of the readings, or lower the degrees"
+                "machine, the units, the forms of parts and the tool points of readings, or lower the degrees"
             )
         fitted[name] = term
         errors[name] = UnseenTerm() if name in unseen else term
