@@ -40,6 +40,7 @@ from metrosep.machine._model_choice import (
     repeated_rows,
     sets_that_add_nothing,
     shapes_left,
+    tools_else,
     unequal_noise,
 )
 from metrosep.machine._reading_problem import (
@@ -449,6 +450,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         messages += lacks
         messages += shapes_left(problem, system, fit, judged)
         messages += factors_of_sets(problem, system, fit)
+        messages += tools_else(problem, current, system, fit)
         messages += unequal_noise(problem, system, fit)
     messages += repeated_rows(sets, problem.labels, [*noise.values()])
     messages += _louder(sets, problem.labels, noise)
