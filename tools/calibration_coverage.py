@@ -18,14 +18,17 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from machine.calibration_rates import ROWS, Rate, calibrated, circle  # noqa: E402
 
 
-def line(name, rate):
-    """Return a row of the table."""
-    cells = [name]
-    for listed in (rate.numbers, rate.curves):
-        share, worst, least, ratio = Rate.of(listed)
+def line(name, rates):
+    """Return a row of the table; behind a share its standard deviation by the scatter of the machines."""
+    cells, rate = [name], Rate.joined(rates)
+    for kind in ("numbers", "curves"):
+        share, worst, least, ratio = Rate.of(getattr(rate, kind))
+        doubt = Rate.doubt([getattr(one, kind) for one in rates])
         is_none = share != share
         cells += (
-            ["", "", ""] if is_none else [f"{share:.3f}", f"{worst} {least:.3f}", f"{ratio:.2f}"]
+            ["", "", ""]
+            if is_none
+            else [f"{share:.3f} +- {doubt:.3f}", f"{worst} {least:.3f}", f"{ratio:.2f}"]
         )
     bare = Rate.of(rate.bare)[0]
     return "| " + " | ".join([*cells, "" if bare != bare else f"{bare:.3f}"]) + " |"
@@ -48,17 +51,17 @@ def main():
     ]
     print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
     if not chosen or "circle".startswith(chosen):
-        rate = Rate()
-        for seed in seeds:
+        rates = [Rate() for _ in seeds]
+        for seed, rate in zip(seeds, rates, strict=True):
             circle(seed, rate)
-        print(line("circle in motion (ISO 230-4)", rate), flush=True)
+        print(line("circle in motion (ISO 230-4)", rates), flush=True)
     for name in ROWS:
         if chosen and not name.startswith(chosen):
             continue
-        rate, begin = Rate(), time.process_time()
-        for seed in seeds:
+        rates, begin = [Rate() for _ in seeds], time.process_time()
+        for seed, rate in zip(seeds, rates, strict=True):
             calibrated(name, seed, rate)
-        print(line(name, rate), flush=True)
+        print(line(name, rates), flush=True)
         print(f"{(time.process_time() - begin) / len(seeds):.2f} s each", file=sys.stderr)
 
 

@@ -348,9 +348,10 @@ _FALLS = (0, 1, 2)
 _LEVELS = np.geomspace(0.1, 1e6, 15)
 """Of lambda, where 1 is a variance that the readings show as large as their noise."""
 _EDGES = np.append(_LEVELS / math.sqrt(_LEVELS[1] / _LEVELS[0]), math.inf)
-_SMALLER = 1.0 / (1.0 + 1.0 / _EDGES)
-"""How likely a curve is smaller than that before: 1 / (1 + level), the share that noise takes of the
-mean square, may be anything from 0 to 1 alike. A machine ends at no order, so it has no point of its own."""
+_SMALLER = 1.0 / np.sqrt(1.0 + 1.0 / _EDGES)
+"""How likely a curve is smaller than that before: root of level / (1 + level), the share that it has in the root
+mean square, may be anything from 0 to 1 alike. A machine ends at no order, so it has no point of its own.
+Of the mean square alike, small curves are too rare before and u too large (Gelman, Bayesian Analysis 1 (2006) 515)."""
 _COLUMNS = 300
 """Further orders of all terms together, at most: the cost rises with their square."""
 _SHOWN = 1e-4

@@ -54,6 +54,8 @@ _SHOWN = 5.0
 _PASTED = 5
 """Readings in a row that agree with others in every digit."""
 _ROUNDING = 1e-9
+_ASIDE, _LONGEST = 1e-4, 0.5
+"""m: by which a tool point is moved for a derivative, and by which one may be wrong."""
 _DRAWN = 0.5
 """Share of the readings, repeats at one place counted once, that coefficients may take."""
 
@@ -374,11 +376,73 @@ def sets_that_add_nothing(problem: Problem, system: System) -> list[str]:
     return said
 
 
+def tools_else(
+    problem: Problem, current: Sequence[Instrument], system: System, fit: Fit
+) -> list[str]:
+    """Return a sentence for each set that fits better beyond chance with its tool point elsewhere (score test).
+
+    A place of the set-up that is free takes what a wrong tool length shifts alike everywhere; what is left is
+    the turn of the tool times the length.
+    """
+    from scipy.stats import chi2
+
+    beta = system.V @ fit.beta / system.sizes
+    rest, Z = system.y - system.design @ fit.beta, system.design
+    said = []
+    for k, reading in enumerate(problem.sets):
+        if reading.instrument.is_angle or not problem.unknown_at[k]:
+            continue
+        at = [
+            problem.with_tool(k, current[k], beta, way * _ASIDE * e)
+            for e in np.eye(3)
+            for way in (1, -1)
+        ]
+        moved = np.stack(
+            [(a - b) / (2.0 * _ASIDE) for a, b in zip(at[::2], at[1::2], strict=True)], axis=-1
+        )
+        rows = moved.reshape(-1, 3)[system.rows[k]]
+        begin = system.ends[k] - rows.shape[0]
+        across, own, score = np.zeros((Z.shape[1], 3)), np.zeros((3, 3)), np.zeros(3)
+        for stream in (s for s in system.streams if s.which == k):
+            D = rows[stream.rows - begin]
+            both = np.column_stack([D, rest[stream.rows]])
+            solved = inverse_times(both, stream.index, fit.a, fit.tau)[0]
+            solved /= fit.scales[stream.group] ** 2
+            across += Z[stream.rows].T @ solved[:, :3]
+            own, score = own + D.T @ solved[:, :3], score + D.T @ solved[:, 3]
+        values, vectors = np.linalg.eigh(own - across.T @ fit.cov @ across)
+        seen = values > (_SHOWN / _LONGEST) ** 2  # what a length of any tool would show
+        parts = vectors[:, seen].T @ score
+        if not seen.any() or chi2.sf(
+            np.sum(parts**2 / values[seen]), int(seen.sum())
+        ) > _CHANCE / len(problem.sets):
+            continue
+        by = vectors[:, seen] @ (parts / values[seen])
+        where = ", ".join(format_length(float(v), digits=2) for v in np.asarray(reading.tool) + by)
+        said.append(
+            f"{problem.labels[k]}: it would fit better with the tool point near {where} than at the one that is stated; "
+            "check the length of its tool, because the free place of its set-up hides it and u does not contain it"
+        )
+    return said
+
+
 def harmonics_alike(problem: Problem) -> list[str]:
-    """Return a sentence for each turn with so few places that the next harmonics look like those fitted."""
+    """Return a sentence for each axis with so few places that the next orders look like those fitted."""
     said = []
     for element in problem.chain.elements:
         own = set(element_terms(element))
+        lines = [
+            max(b.orders)
+            for n, b in problem.bases.items()
+            if b.kind in ("legendre", "arc") and n in own
+        ]
+        if lines and (places := places_of(element, problem.sets)) is not None:
+            n = np.unique(np.round(places, 9)).size
+            if n <= max(lines) + 1:
+                said.append(
+                    f"{element.name} was read at {n} places, which curves of order {max(lines)} pass through whatever "
+                    "they are: nothing shows what lies between, and u does not contain it; read more places"
+                )
         tops = [
             max(b.orders) for n, b in problem.bases.items() if b.kind == "fourier" and n in own
         ]

@@ -66,7 +66,11 @@ _ROUNDING = 1e-13
 """m: a smaller noise of a pixel is rounding, no instrument has it."""
 
 _REFUSED, _GROSS = 4.0, 8.0
+_OWN = 1e-3
+"""Share of the length of a column that must be its own before anything is asked of it."""
 _CHANCE = 1e-4
+_LARGEST = 0.01
+"""Of the radius of the part (for an angle: rad): no machine that still turns parts errs by so much."""
 _RINGS = 6
 """Rings below which no step is looked for."""
 _ALIKE = 0.9
@@ -536,12 +540,20 @@ def _estimate(
 
 def _settled(
     parts: list[_Part],
-) -> tuple[_Estimate, list[_Noise], list[NDArray[np.bool_]], list[tuple[FloatArray, FloatArray]]]:
-    """Return the estimate when no further bin is refused."""
+) -> tuple[
+    _Estimate,
+    list[_Noise],
+    list[NDArray[np.bool_]],
+    list[tuple[FloatArray, FloatArray]],
+    _Contradiction | None,
+]:
+    """Return the estimate when no further bin is refused, and how parts contradict each other."""
     used = [_without_gross(p) for p in parts]
     noises = [_noise_of(p, u) for p, u in zip(parts, used, strict=True)]
     estimate, whitened = _estimate(parts, noises, used)
-    for _ in range(ROUNDS):
+    against = _contradiction(parts, estimate, whitened)
+    # bins that differ because their parts do are not wrong
+    for _ in range(0 if against else ROUNDS):
         changed = False
         for k, (L, rows) in enumerate(whitened):
             bad = _contradicting(L, rows, estimate)
@@ -552,7 +564,82 @@ def _settled(
         if not changed:
             break
         estimate, whitened = _estimate(parts, noises, used)
-    return estimate, noises, used, whitened
+    if against:
+        added = np.zeros(estimate.beta.size)
+        added[: against.added.size] = against.added
+        estimate = replace(estimate, cov=estimate.cov + np.diag(added))
+    return estimate, noises, used, whitened, against
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Contradiction:
+    """What parts say of common coefficients beyond their noise."""
+
+    added: FloatArray  # (p,): to the variance of each coefficient
+    ratio: float  # root of chi-square over its degrees
+    which: int  # the coefficient that takes most
+    parts: list[int]  # without each of which the others agree
+
+
+def _contradiction(
+    parts: Sequence[_Part],
+    estimate: _Estimate,
+    whitened: Sequence[tuple[FloatArray, FloatArray]],
+) -> _Contradiction | None:
+    """Return how parts contradict each other; None where they agree (chi-square, 1e-4 by chance).
+
+    What coefficients of each part's own take of the square is chi-square of as many degrees as they add. What one
+    coefficient alone so takes is the scatter of it over the parts, and that over their number the variance of its
+    mean (by Student's t of its degrees): it is added, and to another coefficient that looks alike as well.
+    """
+    from scipy.stats import chi2, t as student
+
+    if len(parts) < 2:
+        return None
+    p = parts[0].X.shape[1]
+    listed = [rows for _, rows in whitened]
+    square, degrees = _disagreement(listed, p)
+    if not degrees or chi2.sf(square, degrees) >= _CHANCE:
+        return None
+    without = [_disagreement(listed[:k] + listed[k + 1 :], p) for k in range(len(listed))]
+    rows = np.concatenate(listed)
+    Z = np.linalg.qr((rows[:, :-1] / estimate.sizes) @ estimate.V)[0]
+    rest = rows[:, -1] - Z @ (Z.T @ rows[:, -1])
+    where = np.repeat(np.arange(len(listed)), [r.shape[0] for r in listed])
+    added, taken = np.zeros(p), np.zeros(p)
+    for c in range(p):
+        own = rows[:, c, None] * (where[:, None] == np.arange(len(listed)))
+        size = np.linalg.norm(own, axis=0)
+        left, size = (own - Z @ (Z.T @ own))[:, size > 0.0], size[size > 0.0]
+        U, singular, _ = np.linalg.svd(left / size, full_matrices=False)
+        U = U[:, singular > _OWN]
+        if U.shape[1]:
+            taken[c] = float(np.sum((U.T @ rest) ** 2))
+            twice = student.isf(0.5 * math.erfc(math.sqrt(2.0)), U.shape[1])  # what 2 u hold
+            added[c] = taken[c] / float(np.sum(left**2)) / size.size * float(twice / 2.0) ** 2
+    ratio, which = math.sqrt(square / degrees), int(np.argmax(taken))
+    agree = [k for k, (left, n) in enumerate(without) if n and chi2.sf(left, n) >= _CHANCE]
+    return _Contradiction(added, ratio, which, agree)
+
+
+def _disagreement(listed: Sequence[FloatArray], p: int) -> tuple[float, int]:
+    """Return by how much more one curve for all parts leaves than a curve for each, and the degrees of it."""
+    alone = [_square_left(rows) for rows in listed]
+    own = [np.any(rows[:, p:-1] != 0.0, axis=0) for rows in listed]
+    used = np.concatenate([np.ones(p, dtype=bool), np.any(own, axis=0), [True]])
+    square, rank = _square_left(np.concatenate(listed)[:, used])
+    return square - sum(s for s, _ in alone), sum(r for _, r in alone) - rank
+
+
+def _square_left(rows: FloatArray) -> tuple[float, int]:
+    """Return the square that columns leave of the last one, and how many they are."""
+    size = np.linalg.norm(rows[:, :-1], axis=0)
+    U, singular, _ = np.linalg.svd(
+        rows[:, :-1][:, size > 0.0] / size[size > 0.0], full_matrices=False
+    )
+    U = U[:, singular > NULL * singular[0]]
+    rest = rows[:, -1] - U @ (U.T @ rows[:, -1])
+    return float(rest @ rest), U.shape[1]
 
 
 def _without_gross(part: _Part) -> NDArray[np.bool_]:
@@ -621,7 +708,7 @@ def _not_explained(
         size = np.linalg.norm(more[:, mine], axis=0)
         own = left[:, mine] / np.where(size > 0.0, size, 1.0)
         U, singular, _ = np.linalg.svd(own, full_matrices=False)
-        good = singular > 1e-3
+        good = singular > _OWN
         if good.any():
             gain = float(np.sum((U[:, good].T @ rest) ** 2))
             if chi2.sf(gain, int(good.sum())) * len(further) < _CHANCE:
@@ -648,7 +735,7 @@ def _found(
     dead: Sequence[str],
     notes: Sequence[str] = (),
 ) -> Calibration:
-    estimate, noises, used, whitened = _settled(parts)
+    estimate, noises, used, whitened, against = _settled(parts)
     names = [f"{n}{label}" for n, b in bases.items() for label in b.labels]
     p = len(names)
     units = [term_unit(chain, n) for n, b in bases.items() for _ in b.labels]
@@ -656,12 +743,15 @@ def _found(
     null, members = null_sentences(estimate.blind, all_names)
     null = (*null, *hardly_known(names, units, estimate.cov[:p, :p]))
     unseen = {n.split(" ")[0] for group in members for n in group if n in names}
-    errors, fitted = terms_found(chain, bases, estimate.beta[:p], estimate.cov[:p, :p], unseen, {})
+    reach = {"m": _LARGEST * max(part.radius for part in parts), "rad": _LARGEST}
+    cov = estimate.cov[:p, :p]
+    errors, fitted = terms_found(chain, bases, estimate.beta[:p], cov, unseen, {}, reach)
     for name in dead:
         errors[name] = UnseenTerm()
     u = np.sqrt(np.maximum(np.diag(estimate.cov), 0.0))
     unknowns, residuals, refused, noise = {}, {}, {}, {}
-    messages = [*notes, *(note for part in parts for note in part.measured.notes)]
+    messages = [*_about_parts(parts, bases, against)]
+    messages += [*notes, *(note for part in parts for note in part.measured.notes)]
     begin, at = p, 0
     span = np.linalg.qr(
         np.concatenate([w for _, w in whitened])[:, :-1] / estimate.sizes @ estimate.V
@@ -764,6 +854,27 @@ def _about_noise(part: _Part, noise: _Noise, refused: int) -> Iterator[str]:
         yield (
             f"{part.label}: {refused} of {part.y.size} bins contradict the others and were refused"
         )
+
+
+def _about_parts(
+    parts: Sequence[_Part], bases: Mapping[str, Basis], against: _Contradiction | None
+) -> Iterator[str]:
+    """Yield which part contradicts the others, and which is another one again."""
+    for k, part in enumerate(parts):
+        same = [p.label for p in parts[:k] if np.array_equal(p.measured.z, part.measured.z)]
+        if same:
+            yield f"{part.label} is {same[0]} again, height for height: u takes its noise for new; leave one out"
+    if against is None:
+        return
+    name = [n for n, b in bases.items() for _ in b.labels][against.which]
+    who = f"{' or '.join(parts[k].label for k in against.parts)} contradicts the others"
+    if not against.parts:
+        who = f"{', '.join(p.label for p in parts)} contradict each other"
+    yield (
+        f"{who}: what they say of the curves differs by {against.ratio:.3g} times their noise, most of {name}; u of each "
+        "coefficient holds the scatter of the parts. Check its azimuth (mirrored or turned), sign, unit, "
+        "lateral step, centre and form, or whether the machine changed between the parts"
+    )
 
 
 def _about(

@@ -337,9 +337,12 @@ class Problem:
                 self.units += [one] * k
             self.unknown_at.append(at)
 
-    def _fixed(self, reading: ReadingSet) -> tuple[Any, FloatArray, FloatArray]:
-        """Return view, columns of E (or W) and readings with their nominal, of one set."""
-        part, at, lever, view = seen(self.chain, reading.instrument, reading.q, reading.tool)
+    def _fixed(
+        self, reading: ReadingSet, by: ArrayLike = 0.0
+    ) -> tuple[Any, FloatArray, FloatArray]:
+        """Return view, columns of E (or W) and readings with their nominal, of one set, its tool point moved."""
+        tool = np.asarray(reading.tool) + by
+        part, at, lever, view = seen(self.chain, reading.instrument, reading.q, tool)
         columns = columns_of(part, self.bases, at, lever, turns=reading.instrument.is_angle)
         values = np.asarray(reading.values)
         n = values.shape[0]
@@ -362,6 +365,15 @@ class Problem:
             form = self.forms[k].columns[:, None, :] if name == "form" else None
             block[..., where] = instrument.of_unknown(name, view) if form is None else form
         return block, whole - instrument.nominal(view)
+
+    def with_tool(
+        self, k: int, instrument: Instrument, beta: FloatArray, by: FloatArray
+    ) -> FloatArray:
+        """Return what a set would read, shape (n, m), with its tool point moved."""
+        view, columns, _ = self._fixed(self.sets[k], by)
+        E = columns @ beta[: self.n_terms]
+        read = np.einsum("nmi,ni->nm", instrument.of_errors(view), E)
+        return np.asarray(read + instrument.nominal(view))
 
     def assembled(self, current: list[Instrument], good: list[Any]) -> System:
         """Return the linear problem about the current set-ups."""

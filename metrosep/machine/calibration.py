@@ -40,6 +40,7 @@ from metrosep.machine._model_choice import (
     repeated_rows,
     sets_that_add_nothing,
     shapes_left,
+    tools_else,
     unequal_noise,
 )
 from metrosep.machine._reading_problem import (
@@ -449,6 +450,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         messages += lacks
         messages += shapes_left(problem, system, fit, judged)
         messages += factors_of_sets(problem, system, fit)
+        messages += tools_else(problem, current, system, fit)
         messages += unequal_noise(problem, system, fit)
     messages += repeated_rows(sets, problem.labels, [*noise.values()])
     messages += _louder(sets, problem.labels, noise)
@@ -561,6 +563,7 @@ def terms_found(
     cov: FloatArray,
     unseen: set[str],
     curves: Mapping[str, CurveTerm],
+    most: Mapping[str, float] = LARGEST,
 ) -> tuple[dict[str, ErrorTerm], dict[str, ErrorTerm]]:
     """Return terms, NaN where not determined, and the smallest that explain the readings."""
     errors: dict[str, ErrorTerm] = {}
@@ -578,10 +581,10 @@ def terms_found(
             term = curves.get(name) or CurveTerm(beta[mine], cov[mine, mine], basis)
         unit = term_unit(chain, name)
         largest = float(np.abs(beta[mine]).max())
-        if largest > LARGEST[unit]:
+        if largest > most[unit]:
             raise DataError(
                 f"{name} would be {format_engineering(largest, unit)}, which no machine has: check the "
-                "machine, the units and the tool points of the readings, or lower the degrees"
+                "machine, the units, the forms of parts and the tool points of readings, or lower the degrees"
             )
         fitted[name] = term
         errors[name] = UnseenTerm() if name in unseen else term

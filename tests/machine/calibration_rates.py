@@ -44,6 +44,26 @@ class Rate:
         into = self.numbers if np.ndim(off) == 0 else self.curves
         into.setdefault(name, []).append((off, u))
 
+    @classmethod
+    def joined(cls, rates):
+        """Return the errors of several machines as one."""
+        found = cls()
+        for rate in rates:
+            for into, more in zip(
+                (found.numbers, found.curves, found.bare),
+                (rate.numbers, rate.curves, rate.bare),
+                strict=True,
+            ):
+                for name, listed in more.items():
+                    into.setdefault(name, []).extend(listed)
+        return found
+
+    @classmethod
+    def doubt(cls, listed):
+        """Return the standard deviation of a mean share: what one machine says of its curves is alike."""
+        shares = np.array([cls.of(one)[0] for one in listed])
+        return float(np.std(shares) / math.sqrt(max(shares.size, 1)))
+
     @staticmethod
     def of(listed):
         """Return the share within 2 u, the worst name and its share, and the RMS of u over that of the errors."""

@@ -345,3 +345,96 @@ def test_a_step_round_the_axis_is_named_with_its_radius(height):
     for message in said:
         assert re.search(r"(jumps|bump)", message)
         assert 6.0 < float(re.search(r"rho = ([\d.]+) mm", message)[1]) < 14.0, message
+
+
+# ---- parts that contradict each other ----------------------------------------------------------------
+
+SPINDLE = (("EZC", axial), ("EXC", radial), ("EBC", tilting))
+THREE = {"EZX": 4, "EXX": 3, "EZC": 3, "EXC": 3, "EBC": 2}
+
+
+def three_parts(mend=lambda k, z: z, forms=(60e-3, -60e-3), n=60):
+    """A face and two spheres with 1 nm of noise, each map changed by a function of its number."""
+    maps = []
+    for k, radius in enumerate((None, 60e-3, -60e-3)):
+        there = part(radius, white=1e-9, seed=7 + k, n=n)
+        z = np.ascontiguousarray(mend(k, there.z))
+        maps.append(ms.Surface(z, dx=there.dx, dy=there.dy, origin=there.origin))
+    return found_of(maps, [None, *(Sphere(R=r) for r in forms)], THREE)
+
+
+def contradictions(found):
+    return [m for m in found.messages if re.search("contradicts? (the others:|each other)", m)]
+
+
+def furthest(found):
+    """Largest miss of a curve of the spindle, over its u."""
+    at = np.linspace(0.0, 6.2, 40)
+    return max(
+        float(np.max(np.abs(found[n].evaluate(at) - true(at)) / found[n].sd(at)))
+        for n, true in SPINDLE
+    )
+
+
+def test_parts_that_agree_are_not_said_to_contradict():
+    found = three_parts()
+    assert contradictions(found) == []
+    assert furthest(found) < _THREE_U
+
+
+@pytest.mark.parametrize(
+    ("turned", "which"),
+    [
+        pytest.param(lambda z: z[:, ::-1], 1, id="mirrored"),
+        pytest.param(lambda z: z[:, ::-1], 2, marks=pytest.mark.slow, id="mirrored 3"),
+        pytest.param(np.rot90, 1, marks=pytest.mark.slow, id="turned"),
+        pytest.param(np.rot90, 2, marks=pytest.mark.slow, id="turned 3"),
+    ],
+)
+def test_a_map_of_another_azimuth_than_the_others_is_named_and_in_u(turned, which):
+    found = three_parts(lambda k, z: turned(z) if k == which else z)
+    (said,) = contradictions(found)
+    assert said.startswith(f"part {which + 1} contradicts the others")
+    assert furthest(found) < _THREE_U
+    assert max(found.refused.values()) == 0  # it is no matter of a few bins
+
+
+def test_a_wrong_radius_of_one_form_is_named_and_in_u():
+    found = three_parts(forms=(60.1e-3, -60e-3))
+    (said,) = contradictions(found)
+    assert "part 2" in said
+    assert "EXX" in said
+    rho = np.linspace(1e-3, 16.5e-3, 30)
+    for name, true in (("EZX", slide_z), ("EXX", slide_x)):
+        off = without_mean(found[name].evaluate(rho)) - without_mean(true(rho))
+        assert np.max(np.abs(off / found[name].sd(rho))) < _THREE_U, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_six_faces_whose_spindle_changed_between_them_have_the_u_of_their_scatter(seed):
+    """EZC of 20 nm more or less at 2 per revolution, drawn for each part: the mean of six is off by 8 nm."""
+    rng, maps = np.random.default_rng(seed), []
+    for k in range(6):
+        face = part(white=1e-9, seed=20 * seed + k, n=60)
+        at = face.origin[0] + face.dx * np.arange(60)
+        two = np.cos(2.0 * np.arctan2(*np.meshgrid(at, at)[::-1]))
+        z = face.z + 20e-9 * rng.normal() * two
+        maps.append(ms.Surface(z, dx=face.dx, dy=face.dy, origin=face.origin))
+    found = found_of(maps)
+    (said,) = contradictions(found)
+    assert "most of EZC" in said
+    at = np.linspace(0.0, 6.2, 40)
+    off = found["EZC"].evaluate(at) - axial(at)
+    assert np.max(np.abs(off / found["EZC"].sd(at))) < _THREE_U
+    assert 3e-9 < np.max(found["EZC"].sd(at)) < 25e-9
+
+
+def test_one_map_given_twice_is_named():
+    face = part(white=1e-9, seed=5, n=60)
+    assert "part 2 is part 1 again" in found_of([face, face]).messages[0]
+
+
+def test_spheres_whose_forms_were_exchanged_are_refused():
+    with pytest.raises(MetrosepError, match=r"which no machine has.*forms"):
+        three_parts(forms=(-60e-3, 60e-3))
