@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import ComplexArray, FloatArray, benjamini_hochberg
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.core.numbers import quantity
 from metrosep.core.options import Option
 from metrosep.core.runset import Run, RunSet
