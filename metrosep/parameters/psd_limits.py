@@ -18,6 +18,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.limits import COVERAGE
 from metrosep.core.numbers import not_negative, positive, real
 from metrosep.core.units import format_ends, format_length, parse_quantity, parse_unit
 from metrosep.parameters.decision import Verdict, worst
@@ -220,8 +221,10 @@ class BandResult:
         Mean of the density over the band and of the limit, m^3; mean squares, m^2, for an RMS.
     n_independent : float
         Independent values in the band.
-    verdict : {"accept", "reject", "inconclusive"}
-        Of this band.
+    left : float
+        Least share of the density that holes leave in the band.
+    added : float
+        Most that closing them may have put there, as `mean`.
     """
 
     low: float
@@ -229,12 +232,37 @@ class BandResult:
     mean: float
     limit: float
     n_independent: float
-    verdict: Verdict
+    left: float = 1.0
+    added: float = 0.0
 
     @property
     def ratio(self) -> float:
         """Mean over limit."""
         return self.mean / self.limit
+
+    @property
+    def verdict(self) -> Verdict:
+        """Accept where the true ratio is at most 1 at 5 % risk, reject where it is larger."""
+        least, most = self.between()
+        return "accept" if most <= 1.0 else "reject" if least > 1.0 else "inconclusive"
+
+    def between(self, risk: float = _RISK) -> tuple[float, float]:
+        """Return the least and the largest true ratio, each missed at a risk.
+
+        Parameters
+        ----------
+        risk : float, 0 to 0.5
+            Of each end.
+
+        Returns
+        -------
+        tuple of float
+            ``mean 2 n / chi2(2 n) / limit`` at both ends; what holes hide is added to the largest, and
+            what closing them may have put there is taken off the least.
+        """
+        more, less = _factors(self.n_independent, risk)
+        least = (self.mean * less - self.added * more) / self.limit
+        return least, self.mean * more / self.left / self.limit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -269,6 +297,37 @@ class PsdVerdict:
         """The band with the largest ratio."""
         return max(self.bands, key=lambda b: b.ratio)
 
+    def margin(self, risk: float) -> float:
+        """Return how far the largest ratio may lie from the truth, on the side of the limit that counts.
+
+        Parameters
+        ----------
+        risk : float, 0 to 0.5
+            Of that side.
+
+        Returns
+        -------
+        float
+            Of all bands: the largest true ratio less `worst`; where a band is rejected, `worst` less the
+            largest of the least ones.
+        """
+        least, most = (
+            max(ends) for ends in zip(*(b.between(risk) for b in self.bands), strict=True)
+        )
+        ratio = self.worst.ratio
+        rejected = any(b.verdict == "reject" for b in self.bands)
+        return ratio - least if rejected else most - ratio
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty of the largest ratio: the end of its 95.45 % interval towards the limit."""
+        return self.margin(0.5 * (1.0 - COVERAGE))
+
+    @property
+    def guard(self) -> float:
+        """Guard band at 5 % risk: accepted bands have ratio + guard <= 1, a rejected one ratio - guard > 1."""
+        return self.margin(_RISK)
+
     @property
     def sentence(self) -> str:
         """The verdict in words."""
@@ -279,7 +338,7 @@ class PsdVerdict:
         if self.limit.A is None:
             rms = format_length(math.sqrt(band.mean), digits=3)
             what = f"the RMS in the band is {rms}, its square {ratio:.3g} of the limit's"
-        more, less = _factors(n)
+        more, less = _factors(n, _RISK)
         short, long = (format_length(1.0 / f, digits=3) for f in (band.high, band.low))
         return (
             f"{self.verdict}: {what}, at wavelengths {short} to "
@@ -394,14 +453,11 @@ def _bands(
         width = b - a
         allowed = limit.rms**2 if limit.rms is not None else limit.mean_square(a, b)
         scale = 1.0 if limit.rms is not None else width
-        more, less = _factors(independent)
-        verdict: Verdict = "inconclusive"
         here = left[(f > a - f[1]) & (f < b + f[1])]
-        if square * more <= allowed * float(here.min()):
-            verdict = "accept"
-        elif square * less - _in_band(f, added, a, b, length)[0] * more > allowed:
-            verdict = "reject"
-        found.append(BandResult(a, b, square / scale, allowed / scale, independent, verdict))
+        most = _in_band(f, added, a, b, length)[0] / scale
+        found.append(
+            BandResult(a, b, square / scale, allowed / scale, independent, float(here.min()), most)
+        )
     return tuple(found), notes
 
 
@@ -420,9 +476,9 @@ def _in_band(
     return square, max(1.0, (b - a) * length * min(evenness, 1.0))
 
 
-def _factors(n: float) -> tuple[float, float]:
-    """Return true mean over measured mean, largest and smallest, at 5 % each."""
+def _factors(n: float, risk: float) -> tuple[float, float]:
+    """Return true mean over measured mean, largest and smallest, each missed at a risk."""
     from scipy.special import gammaincinv
 
-    low, high = (float(gammaincinv(n, share)) for share in (_RISK, 1.0 - _RISK))
+    low, high = (float(gammaincinv(n, share)) for share in (risk, 1.0 - risk))
     return n / low, n / high

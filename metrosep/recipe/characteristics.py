@@ -150,12 +150,12 @@ def judged(
     *,
     unlisted: Collection[str] = (),
     values: Values | None = None,
-    decided: Mapping[str, tuple[Verdict, str]] = MappingProxyType({}),
+    decided: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
     unsure: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Return what was measured, and the verdict of each check.
 
-    `values` serves rules over several; `decided` has the verdicts that a step brings, with its words;
+    `values` serves rules over several; `decided` has what a step itself says of its check, with the verdict;
     `unsure` the reasons why a number is not known well enough for any.
     """
     entries = []
@@ -187,8 +187,8 @@ def judged(
             verdict, expanded = "inconclusive", None if given in (None, FROM_FIT) else float(given)
             more["reason"] = unsure[metric]
         elif metric in decided:
-            expanded, (verdict, words) = None, decided[metric]
-            more = {"u_source": "scatter of the spectrum", "u_note": words}
+            more = dict(decided[metric])
+            expanded, verdict = more["U"], more["verdict"]
         elif given == FROM_FIT or (given is None and quantity.u_source == _OF_FIT):
             expanded, guard, verdict, more = _by_the_fit(check, found, limits, place)
         elif given is None and quantity.u is None:

@@ -78,11 +78,18 @@ class Measurement:
         return {f"step {s.index + 1}, {s.op}": dict(s.audit) for s in self.stages if s.enabled}
 
     @property
-    def decided(self) -> dict[str, tuple[Any, str]]:
-        """Verdict and words of each step that compares a spectrum with its limit, by metric."""
+    def decided(self) -> dict[str, dict[str, Any]]:
+        """What each step that compares a spectrum with its limit says of the check of it, by metric."""
         done = [s.detail for s in self.stages if s.enabled and s.op == "psd"]
         return {
-            SPECTRUM if n == 1 else f"{SPECTRUM}#{n}": (d.verdict, d.sentence.partition(": ")[2])
+            SPECTRUM if n == 1 else f"{SPECTRUM}#{n}": {
+                "upper": 1.0,
+                "U": d.expanded,
+                "guard_factor": d.guard / d.expanded,
+                "verdict": d.verdict,
+                "u_source": "scatter of the spectrum",
+                "u_note": d.sentence.partition(": ")[2],
+            }
             for n, d in enumerate(done, start=1)
         }
 

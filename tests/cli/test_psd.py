@@ -1,10 +1,12 @@
 """metrosep psd: a disc of known spectrum against limits, at the command line and by recipe."""
 
+import csv
 import json
 import re
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import metrosep as ms
 
@@ -151,3 +153,46 @@ def test_slopes_cannot_keep_a_tilt(metrosep, disc, tmp_path):
     assert code == 2
     assert "r.toml:8" in out
     assert 'goes with detrend = "plane"' in out
+
+
+def test_a_verdict_of_bands_has_limit_and_guard_band_in_every_output(metrosep, disc, tmp_path):
+    """What other programs read has the limit 1, and value and guard band give the verdict again."""
+    recipe = tmp_path / "r.toml"
+    band = "from 0.05 mm to 0.5 mm"
+    limits = (f"A = 5 nm^2 mm, B = 2 {band}", f"rms = 60 nm {band}", f"rms = 7 nm {band}")
+    steps = "".join(f'[[step]]\nop = "psd"\nlimit = "{limit}"\n' for limit in limits)
+    checks = "".join(f'[[check]]\nmetric = "PSD{n}"\n' for n in ("", "#2", "#3"))
+    recipe.write_text(
+        f'metrosep = 1\n[input]\nfiles = ["disc.h5"]\n{steps}{checks}[[output]]\nkind = "report"\n',
+        encoding="utf-8",
+    )
+    metrosep("run", recipe, "-o", tmp_path / "out")
+    document = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
+    rows = [c for c in document["characteristics"] if c["metric"].startswith("PSD")]
+    assert [c["verdict"] for c in rows] == ["reject", "accept", "inconclusive"]
+    for c in rows:
+        assert c["upper"] == 1.0
+        assert 0.0 < c["guard_factor"] * c["U"] < c["U"]
+        again = ms.parameters.decide(
+            c["value"], upper=1.0, U=c["U"], guard_factor=c["guard_factor"]
+        )
+        assert again == c["verdict"]
+    # an RMS is one band: both ends by hand, from chi-square of 2 n of its sentence
+    n = float(re.search(r"\(([\d.]+) independent", rows[1]["u_note"])[1])
+    most = float(re.search(r"lies between .* and ([\d.]+) at", rows[1]["u_note"])[1])
+    by_hand = rows[1]["value"] * 2 * n / stats.chi2.ppf(0.05, 2 * n)
+    assert most == pytest.approx(by_hand, abs=2e-3 * by_hand)  # n and the ratio have three digits
+    with_holes = rows[1]["value"] + rows[1]["guard_factor"] * rows[1]["U"]
+    assert (
+        by_hand < with_holes < 1.05 * by_hand
+    )  # 1 % of the window's square was closed, (1 - 2 s)^2
+    words = ("--format", "csv,qif,dfq", "-o", tmp_path / "o")
+    code, _, err = metrosep("report", tmp_path / "out", *words)
+    assert code in (0, 1, 3), err
+    text = {p.suffix: p.read_text("utf-8-sig") for p in (tmp_path / "o").iterdir()}
+    lines = [v for v in csv.DictReader(text[".csv"].splitlines()) if v["metric"].startswith("PSD")]
+    assert [float(v["upper"]) for v in lines] == [1.0, 1.0, 1.0]
+    assert [float(v["U"]) for v in lines] == [c["U"] for c in rows]
+    assert all(0.0 < float(v["guard"]) < float(v["U"]) for v in lines)
+    assert text[".qif"].count('<MaxValue unitName="1">1</MaxValue>') == 3
+    assert len(re.findall(r"K2111/\d+ 1\b", text[".dfq"])) == 3

@@ -186,6 +186,31 @@ def test_straightness_table(case):
     assert found.judgement.pv_before * 1e9 == pytest.approx(2106.258, abs=1e-3)
 
 
+def test_one_wrong_entry_is_refused_by_the_pv_though_the_rms_falls():
+    """Section 1, (18): 5 % more P-V than before, and 1.6 times that of the noise, is a refusal.
+
+    The rest of a true table with one entry wrong by d is a triangle of height d: its P-V is d and
+    what the runs do not share, its RMS stays below that of the error.
+    """
+    spoilt = 30
+
+    def of(d):
+        c = correction(PITCH).correction(ENTRIES)
+        c[spoilt] += d
+        return judged(CompensationTable(ENTRIES, c, None, "X", "X", 0.0), readings(PITCH))
+
+    below, above = of(4.2e-6), of(4.9e-6)
+
+    before, rest = above.judgement.pv_before, 0.12e-6  # m; of a true table: 97 nm
+    assert below.judgement.pv_after == pytest.approx(4.2e-6, abs=rest)
+    assert below.grade == "accepted"
+    assert below.judgement.pv_after < 1.05 * before < above.judgement.pv_after
+    assert above.improvement > 0.0
+    assert above.grade == "refused"
+    assert [r.check for r in above.judgement.reasons] == ["dry-run"]
+    assert "the P-V rises from" in above.judgement.reasons[0].text
+
+
 def test_straightness_table_of_a_mean_with_a_spike_in_one_run():
     rows = readings(bow(X), spike=9e-6)
 

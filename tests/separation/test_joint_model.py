@@ -411,31 +411,73 @@ def test_runs_that_agree_have_no_slip(model):
 
 
 def test_a_wave_that_slips_repeats_by_nothing_to_as_much_as_it_slips(model):
-    """The answer is the mean over five amplitudes, by the chance of the readings under each."""
+    """The answer is the mean over five amplitudes and three sizes, by the chance of the readings under each.
+
+    Here what slips in each run is an unknown of one large system, and nothing is eliminated.
+    """
     runs = model.runs
     model = Model(Extension(0.0, 24.0, K), Spectrum(K))
     model.spectrum.phi = model.spectrum.phi + math.log(3000.0)
     model.slip = [slip_of_4()]
     model.take(runs)
-    (gram, right), out = model.total, []
-    k = np.arange(1, K + 1)
-    for amplitude in (0.0, 0.25, 0.5, 0.75, 1.0):
-        own = 3000.0 * k**-2.5 + np.where(k == 4, amplitude**2 * 400.0, 0.0)
-        prior = np.diag(np.concatenate([[model.line_sd**-2], 1.0 / own, 1.0 / own]))
-        mean = np.linalg.solve(gram + prior, right)
-        log = right @ mean - np.linalg.slogdet(gram + prior)[1] + np.linalg.slogdet(prior)[1]
-        out.append((0.5 * log, mean))
-    chance = np.exp([log - out[-1][0] for log, _ in out])
-    expected = sum(c * mean for c, (_, mean) in zip(chance, out, strict=True)) / chance.sum()
+    k, at, out = np.arange(1, K + 1), [4, K + 4], []
+    n = 1 + 2 * K
+    gram = np.zeros((n + 6, n + 6))
+    right = np.zeros(n + 6)
+    for i, run in enumerate(runs):
+        take = np.eye(n)[:, [*range(n), *at]]
+        own = [*range(n), n + 2 * i, n + 2 * i + 1]
+        gram[np.ix_(own, own)] += take.T @ run.gram @ take
+        right[own] += take.T @ run.right
+
+    def answers(amplitudes, sizes):
+        out = []
+        for weight, (size,) in sizes:
+            for amplitude in amplitudes:
+                repeats = 3000.0 * k**-2.5 + np.where(k == 4, amplitude**2 * size, 0.0)
+                variances = [[model.line_sd**2], repeats, repeats, np.full(6, size)]
+                prior = np.diag(1.0 / np.concatenate(variances))
+                mean = np.linalg.solve(gram + prior, right)
+                log = right @ mean - np.linalg.slogdet(gram + prior)[1]
+                out.append((weight + 0.5 * (log + np.linalg.slogdet(prior)[1]), mean[:n]))
+        return out
+
+    def mean_of(out):
+        chance = np.exp([log - out[-1][0] for log, _ in out])
+        return chance / chance.sum() @ np.array([mean for _, mean in out]), chance / chance.sum()
+
+    sizes = model._sizes_of_slip()
+    out = answers((0.0, 0.25, 0.5, 0.75, 1.0), sizes)
+    expected, chance = mean_of(out)
     found = model.answer()
 
     close(found.mean, expected)
-    at = [4, K + 4]
     assert np.all(np.abs(expected[at]) < 0.98 * np.abs(out[-1][1][at]))  # the share matters
     spread = sum(c * (mean - expected) ** 2 for c, (_, mean) in zip(chance, out, strict=True))
-    assert np.all(np.diag(found.covariance)[at] > spread[at] / chance.sum())
+    assert np.all(np.diag(found.covariance)[at] > spread[at])
+    assert model.slip[0].variance == slip_of_4().variance  # as it was
     model.slip_is_geometry = False
-    close(model.answer().mean, out[0][1])
+    close(model.answer().mean, mean_of(answers((0.0,), sizes))[0])
+
+
+@pytest.mark.parametrize(("n_runs", "n_waves"), [(9, 1), (9, 3), (4, 1)])
+def test_the_size_of_what_slips_is_known_as_a_variance_of_so_few_runs_is(model, n_runs, n_waves):
+    """Mean and spread of Lambda and of ln Lambda, given squares of 2 (R - 1) normal numbers."""
+    model.slip = [slip_of_4()] * n_waves
+    model.runs = [model.runs[0]] * n_runs
+    freedom = 2.0 * (n_runs - 1.0)
+    logs, sizes = (np.array(v) for v in zip(*model._sizes_of_slip(), strict=True))
+    ratio = sizes / slip_of_4().variance
+    logs -= 0.5 * np.sum(freedom * np.log(ratio) + freedom / ratio, axis=1)  # of the squares
+    chance = np.exp(logs - logs.max())
+    mean = chance @ ratio[:, 0] / chance.sum()
+    spread = chance @ np.log(ratio[:, 0] / mean) ** 2 / chance.sum()
+
+    exact = invgamma(freedom / 2.0, scale=freedom / 2.0)
+    # three places hold a smooth law; along several waves at once they stand farther apart
+    assert mean == pytest.approx(exact.mean(), rel=0.0, abs=0.1 * exact.mean())
+    expected = exact.expect(lambda v: math.log(v / exact.mean()) ** 2)
+    assert spread == pytest.approx(expected, rel=0.0, abs=0.3 * expected)
 
 
 def test_what_is_not_known_of_the_spectrum_is_in_the_band_twice(model):

@@ -83,15 +83,12 @@ class EvidenceTable:
         What was done.
     unsteady : tuple of str
         The messages about waves that sit at a place but differ from run to run.
-    slipping : tuple of float, m
-        Their wavelengths.
     """
 
     columns: Mapping[str, list[Any]]
     messages: tuple[str, ...]
     audit: Mapping[str, Any]
     unsteady: tuple[str, ...] = ()
-    slipping: tuple[float, ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
         """Return the columns as a DataFrame.
@@ -192,7 +189,7 @@ def evidence_table(
     columns: dict[str, list[Any]] = {"wavelength_mm": (spectra.wavelength / _MM).tolist()}
     columns |= evidence_columns(z, feed_of, usable, rate=false_discovery_rate)
     messages = _messages(columns, spectra.feeds, width)
-    unsteady, slipping = _unsteady(z, feed_of, spectra.wavelength)
+    unsteady = _unsteady(z, feed_of, spectra.wavelength)
     messages += unsteady
     if len(runs) < n_given:
         messages.append(
@@ -209,7 +206,7 @@ def evidence_table(
         "bandwidth_hz": width,
         "false_discovery_rate": false_discovery_rate,
     }
-    return EvidenceTable(columns, tuple(messages), audit, tuple(unsteady), tuple(slipping))
+    return EvidenceTable(columns, tuple(messages), audit, tuple(unsteady))
 
 
 def _check(runs: RunSet, bandwidth: float | None, rate: float) -> None:
@@ -386,8 +383,8 @@ def _reason(usable: bool, chosen: bool) -> str:
 
 def _unsteady(
     amplitudes: ComplexArray, feed_of: NDArray[np.int_], wavelength: FloatArray
-) -> tuple[list[str], list[float]]:
-    """Name waves that differ from run to run at one wavelength whatever the feedrate; and where.
+) -> list[str]:
+    """Name waves that differ from run to run at one wavelength whatever the feedrate.
 
     The scatter of the runs of one feedrate about their mean, against that at the wavelengths around
     it: chi-square, 2 degrees for each run but one. A vibration stands out at another wavelength at
@@ -399,7 +396,7 @@ def _unsteady(
     feeds = [np.flatnonzero(feed_of == k) for k in np.unique(feed_of)]
     n = amplitudes.shape[1]
     if len(feeds) < 2 or min(len(f) for f in feeds) < 2 or n < 4 * _AROUND:
-        return [], []
+        return []
     worst_p = np.zeros(n)
     power = np.zeros(n)
     for rows in feeds:
@@ -417,7 +414,7 @@ def _unsteady(
     together = worst_p ** len(feeds) * n
     k = int(np.argmin(together))
     if together[k] > _UNSTEADY:
-        return [], []
+        return []
     near = np.arange(k - 1, min(k + 2, n))
     amplitude = math.sqrt(float(power[near].max()))
     length = float(wavelength[0] * power[near].sum() / ((near + 1.0) @ power[near]))
@@ -427,7 +424,7 @@ def _unsteady(
         f"each run at every feedrate: a real wave of that length is known to {known / _NM:.2g} nm only, "
         "and the uncertainty of the estimate does not hold it; more runs reduce it"
     )
-    return [sentence], [length]
+    return [sentence]
 
 
 def _messages(

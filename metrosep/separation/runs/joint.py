@@ -182,7 +182,7 @@ def separate_joint(
     mode: Literal["stated", "auto", "fit"] = "stated"
     if isinstance(lag, str):
         mode = "fit" if lag == "fit" else "auto"
-    evidence, how, unsteady, slipping = evidence_of(
+    evidence, how, unsteady = evidence_of(
         runs, names, over=(first, last), rate=false_discovery_rate
     )
     solve = partial(
@@ -196,7 +196,6 @@ def separate_joint(
         several_feeds=n_feeds > 1 and not options.position_offsets,
         set_up_anew=parts,
         named=named,
-        slipping=() if options.position_offsets else slipping,
     )
     solution, prepared, offsets = _at_their_places(prepared, solve, options)
     terms, sentences = report_terms(solution, prepared, runs, options)
@@ -502,21 +501,21 @@ def _thin(runs: RunSet, first: float, last: float) -> list[str]:
 
 def evidence_of(
     runs: RunSet, probes: Sequence[str], *, over: tuple[float, float], rate: float
-) -> tuple[dict[str, list[Any]], Mapping[str, Any], tuple[str, ...], tuple[float, ...]]:
-    """Return the columns of the evidence and what was done, or why none; and what slips, in words and m."""
+) -> tuple[dict[str, list[Any]], Mapping[str, Any], tuple[str, ...]]:
+    """Return the columns of the evidence and what was done, or why none; and what slips, in words."""
     used = RunSet([r for r, name in zip(runs, probes, strict=True) if name == probes[0]])
     groups = used.by_feed()
     if len(groups) < 2 or any(r.feed is None for r in used):
-        return {}, {"not_taken": "fewer than 2 feedrates"}, (), ()
+        return {}, {"not_taken": "fewer than 2 feedrates"}, ()
     if min(len(members) for _, members in groups) < _LEAST_RUNS:
-        return {}, {"not_taken": f"fewer than {_LEAST_RUNS} runs at a feedrate"}, (), ()
+        return {}, {"not_taken": f"fewer than {_LEAST_RUNS} runs at a feedrate"}, ()
     try:
         shared = runs.common_travel
         start, stop = max(over[0], shared[0]), min(over[1], shared[1])
         table = evidence_table(used, start=start, length=stop - start, false_discovery_rate=rate)
     except (InvalidSamplesError, TooFewSamplesError, NotSeparableError) as exc:
-        return {}, {"not_taken": str(exc)}, (), ()
-    return dict(table.columns), table.audit, table.unsteady, table.slipping
+        return {}, {"not_taken": str(exc)}, ()
+    return dict(table.columns), table.audit, table.unsteady
 
 
 def contradictions(

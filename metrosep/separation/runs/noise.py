@@ -57,6 +57,7 @@ class NoiseModel:
     filters: tuple[FloatArray, ...]  # of order 0 ... p: 1, a_1 ... a_q
     variances: FloatArray  # shape (p + 1,)
     time_step: float  # s
+    degrees: float = math.inf  # of freedom that its density rests on: samples over order
 
     @property
     def order(self) -> int:
@@ -72,6 +73,13 @@ class NoiseModel:
     def variance(self) -> float:
         """Variance of the innovation."""
         return float(self.variances[-1])
+
+    def density(self, frequency: FloatArray) -> FloatArray:
+        """Return the power density at frequencies in Hz, but for a constant."""
+        turns = np.outer(frequency * self.time_step, np.arange(self.order + 1))
+        return np.asarray(
+            self.variance / np.abs(np.exp(-2j * np.pi * turns) @ self.filters[-1]) ** 2
+        )
 
 
 def white(variance: float, time_step: float) -> NoiseModel:
@@ -131,7 +139,7 @@ def fit_noise(draws: Sequence[FloatArray], *, time_step: float, most: int = MOST
     filters, variances = burg(long or sequences, order)
     # Each coefficient takes one of n degrees of freedom out of the innovations.
     taken = np.minimum(np.arange(order + 1) / max(n, 1), 0.5)
-    return NoiseModel(filters, variances / (1.0 - taken), time_step)
+    return NoiseModel(filters, variances / (1.0 - taken), time_step, n / max(order, 1))
 
 
 def level_spread(cycles: FloatArray, n_runs: int) -> FloatArray:

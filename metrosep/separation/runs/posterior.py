@@ -478,14 +478,14 @@ class Model:
         prior = self.spectrum.pull @ phi - 0.5 * phi @ self.spectrum.precision @ phi
         return post.evidence + float(prior)
 
-    def covariance(self, post: Posterior) -> FloatArray:
+    def covariance(self, post: Posterior, louder: Sequence[FloatArray] = ()) -> FloatArray:
         """Return the covariance with what is not known of the noise in each octave, shape (N, N)."""
         # The error of the solution is C A'n, and A'n has the covariance G = R'R: noise that is
         # greater by some factors F^2 gives R'F^2 R. R is the symmetric root, whose rows stay at their
         # wavelengths and have no part in what no reading shows; F G F would widen that as well.
         whole = post.covariance()
         out = whole.copy()
-        for root in self._louder():
+        for root in louder or self._louder():
             half = root @ whole
             out += half.T @ half
         return np.asarray(out)
@@ -536,20 +536,32 @@ class Model:
 
         Where waves slip, it is averaged over how much of them repeats: from nothing to as much as
         slips. Either end alone is a band that is wrong at the other, or an error that need not be.
+        And over how much slips, which the runs know as badly as a variance of so few.
         """
         shares = _REPEATS if self.slip_is_geometry and self.slip else (1.0,)
+        found, louder = [s.variance for s in self.slip], self._louder()
         logs, means, plains, covariances = [], [], [], []
-        for share in shares:
-            self.repeats = share**2
-            post = self.solve()
-            logs.append(self.log_evidence(post))
-            means.append(post.theta)
-            plains.append(self.covariance(post))
-            change = self.spread_of_spectrum(post)
-            # Twice: a spectrum that is learnt of the readings leaves them, on average, a variance that
-            # is too small by the same again (Prasad, Rao 1990).
-            covariances.append(plains[-1] + 2.0 * change @ change.T)
+        for weight, variances in self._sizes_of_slip():
+            for slip, variance in zip(self.slip, variances, strict=True):
+                slip.variance = variance
+            if variances != found:
+                self.apply()
+            log_weight = weight + self._evidence_of_slip()
+            for share in shares:
+                self.repeats = share**2
+                post = self.solve()
+                logs.append(log_weight + self.log_evidence(post))
+                means.append(post.theta)
+                plains.append(self.covariance(post, louder))
+                change = self.spread_of_spectrum(post)
+                # Twice: a spectrum that is learnt of the readings leaves them, on average, a variance
+                # that is too small by the same again (Prasad, Rao 1990).
+                covariances.append(plains[-1] + 2.0 * change @ change.T)
         self.repeats = shares[-1]
+        if self.slip:
+            for slip, variance in zip(self.slip, found, strict=True):
+                slip.variance = variance
+            self.apply()
         chances = np.exp(np.array(logs) - max(logs))
         total = float(chances.sum())
         chances /= total
@@ -557,6 +569,38 @@ class Model:
         _, plain = averaged(chances, means, plains)
         evidence = max(logs) + math.log(total / len(shares))
         return Answer(mean, covariance, plain, evidence)
+
+    def _sizes_of_slip(self) -> list[tuple[float, list[float]]]:
+        """Return variances of what slips that stand for all, and ln of the weight of their evidence.
+
+        ln Lambda, flat before, has the moments of a scaled inverse chi-square of 2 (R - 1) degrees; the
+        nodes are those of Gauss and Hermite for one wave, along each wave for several.
+        """
+        from scipy.special import digamma, polygamma
+
+        n = len(self.slip)
+        if not n:
+            return [(0.0, [])]
+        half = len(self.runs) - 1.0
+        away = math.sqrt(n + 2.0) * np.vstack([np.zeros(n), np.eye(n), -np.eye(n)])
+        weights = np.append(2.0, np.full(2 * n, 0.5)) / (n + 2.0)
+        logs = np.log(weights) + 0.5 * np.sum(away**2, axis=1)  # over the density that they are of
+        grown = math.log(half) - float(digamma(half)) + math.sqrt(polygamma(1, half)) * away
+        sizes = np.array([s.variance for s in self.slip]) * np.exp(grown)
+        return list(zip(logs.tolist(), sizes.tolist(), strict=True))
+
+    def _evidence_of_slip(self) -> float:
+        """Return the part of ln evidence that what slips has without the geometry, but for a constant."""
+        from scipy.linalg import solve_triangular
+
+        out = 0.0
+        columns, own = self.slipping()
+        for run in self.runs if self.slip else ():
+            factor = np.linalg.cholesky(columns.T @ run.gram @ columns + own)
+            half = solve_triangular(factor, columns.T @ run.right, lower=True)
+            out += 0.5 * float(half @ half + np.log(np.diag(own)).sum())
+            out -= float(np.log(np.diag(factor)).sum())
+        return out
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -62,6 +62,7 @@ from metrosep.separation.runs.waves import (
     search,
     seed_slip,
     slipping_waves,
+    taken_for_noise,
 )
 from metrosep.separation.runs.weights import RowWeights
 from metrosep.spectral.autoregressive import AutoregressiveModel
@@ -102,12 +103,8 @@ def solve_joint(
     several_feeds: bool = True,
     set_up_anew: bool = False,
     named: Sequence[int] = (),
-    slipping: Sequence[float] = (),
 ) -> Solution:
-    """Estimate geometry, noise, sensor and slip from all runs together (3.3).
-
-    The named runs are odd; the slipping wavelengths, in m, differ from run to run before any model.
-    """
+    """Estimate geometry, noise, sensor and slip from all runs together (3.3); the named runs are odd."""
     options = options or JointOptions()
     with one_blas_thread():
         terms = Terms(
@@ -132,8 +129,12 @@ def solve_joint(
         if options.lines and options.lines != "auto":
             place_lines(system, model, options.lines)
             _pass(system, model, most=6)
-        seed_slip(model, slipping)  # before the noise takes it for a line of each feedrate
         _learn_noise(system, model)
+        while not options.position_offsets and (place := taken_for_noise(system, model)):
+            system.start_noise()  # a peak that was learnt of it would stay beside it
+            _pass(system, model, most=12)
+            seed_slip(model, place)
+            _learn_noise(system, model)
         found = find_lines(system, model, options)
         choose_following(system, model, options)
         sure = lag_mode == "fit"
@@ -151,7 +152,6 @@ def solve_joint(
             if i == 1:
                 search(model)
                 remove_weak(model)
-            if i == 1:
                 place_slip(model)
                 find_slip(model)
             if seek_lag:

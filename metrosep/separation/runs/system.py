@@ -304,6 +304,7 @@ class System:
     def start_noise(self) -> None:
         """Take the noise for white, of half the RMS of the readings."""
         self.noise = [white(0.25, self.runs[g[0]].time_step) for g in self.groups]
+        self._learnt_of: Sequence[FloatArray] = ()
 
     def update_noise(self, model: Model, *, most: int | None = None) -> None:
         """Fit the noise model of every group anew, to draws of the residual."""
@@ -336,7 +337,19 @@ class System:
         self.weights.clean(self.residuals(model), self.groups, self.noise)
         return any((a != b).any() for a, b in zip(before, self.weights.marked, strict=True))
 
+    def noise_and_of_others(self) -> list[tuple[NoiseModel, NoiseModel]]:
+        """Return the noise of each run, and as the runs of other feedrates show it, if there are any."""
+        out = [(self.noise[0], self.noise[0])] * len(self.runs)
+        for group, noise in zip(self.groups, self.noise, strict=True):
+            for feed in {self.feeds[i] for i in group}:
+                others = [self._learnt_of[i] for i in group if self.feeds[i] != feed]
+                model = fit_noise(others, time_step=noise.time_step) if others else noise
+                for i in group:
+                    out[i] = (noise, model) if self.feeds[i] == feed else out[i]
+        return out
+
     def _fit(self, draws: Sequence[FloatArray], most: int | None) -> None:
+        self._learnt_of = draws
         self.noise = [
             fit_noise(
                 [draws[i] for i in group],

@@ -20,6 +20,7 @@ import numpy as np
 from metrosep.core._arrays import FloatArray, IntArray, benjamini_hochberg
 from metrosep.separation.runs.geometry import HELD_SHARE, filtered
 from metrosep.separation.runs.posterior import DONE, Answer, Model, Slip, Wave
+from metrosep.separation.runs.system import System
 
 __all__ = [
     "FoundWave",
@@ -33,6 +34,7 @@ __all__ = [
     "search",
     "seed_slip",
     "slipping_waves",
+    "taken_for_noise",
 ]
 
 FALSE_ALARM = 0.01
@@ -259,29 +261,48 @@ _NEAR = np.arange(-10, 11) / 10.0
 
 def find_slip(model: Model) -> bool:
     """Add waves while there are harmonics on which the runs differ at every feedrate; tell whether any."""
-    feeds = sorted({r.feed for r in model.runs})
-    if len(model.runs) < 3 or len(feeds) < 2:
-        return False
-    k = np.flatnonzero(model.harmonics())
     before = len(model.slip)
-    while len(model.slip) < _MOST_SLIP:
-        p, spread = p_values(model, k, feeds)
-        found = benjamini_hochberg(p, rate=FALSE_DISCOVERY)
-        if not found.any():
-            break
-        best = int(np.lexsort((-spread, np.where(found, p, np.inf)))[0])
-        _add_slip(model, (k[best] + 1.0) / model.extension.period, max(spread[best], 1e-8))
+    while (most := _slips_most(model)) is not None:
+        _add_slip(model, *most)
     return len(model.slip) > before
 
 
-def seed_slip(model: Model, lengths: Sequence[float]) -> None:
-    """Add waves of the wavelengths in m at which the runs differ, and learn how much.
+def taken_for_noise(system: System, model: Model) -> float | None:
+    """Return the wavenumber on which the runs differ most by what no other feedrate shows, or None.
 
-    Where a run is long a noise model resolves such a wave as one line at each feedrate, and
-    `find_slip`, which holds it against that noise, does not see it.
+    A noise model resolves a wave that slips as one line at each feedrate, and `find_slip`, which holds
+    it against that noise, does not see it. But a vibration has its frequency at every feedrate: so
+    each run is held against the noise of the runs of the other feedrates.
     """
-    for length in lengths:
-        _add_slip(model, 1.0 / length, float(model.spectrum.variance.max()))
+    noise = system.noise_and_of_others()
+    waves = np.arange(1, model.extension.n + 1) / model.extension.period
+    louder = [
+        mine.density(abs(run.velocity) * waves) / theirs.density(abs(run.velocity) * waves)
+        for run, (mine, theirs) in zip(model.runs, noise, strict=True)
+    ]
+    most = _slips_most(model, np.array(louder), min(n.degrees for _, n in noise))
+    return None if most is None else most[0]
+
+
+def _slips_most(
+    model: Model, louder: FloatArray | None = None, degrees: float = math.inf
+) -> tuple[float, float] | None:
+    """Return wavenumber and variance of the harmonic on which the runs differ most, None if on none."""
+    feeds = sorted({r.feed for r in model.runs})
+    if len(model.runs) < 3 or len(feeds) < 2 or len(model.slip) >= _MOST_SLIP:
+        return None
+    k = np.flatnonzero(model.harmonics())
+    p, spread = p_values(model, k, feeds, 1.0 if louder is None else louder[:, k], degrees)
+    found = benjamini_hochberg(p, rate=FALSE_DISCOVERY)
+    if not found.any():
+        return None
+    best = int(np.lexsort((-spread, np.where(found, p, np.inf)))[0])
+    return float(k[best] + 1.0) / model.extension.period, float(max(spread[best], 1e-8))
+
+
+def seed_slip(model: Model, wavenumber: float) -> None:
+    """Add a wave that slips near a wavenumber, and learn by how much."""
+    _add_slip(model, wavenumber, float(model.spectrum.variance.max()))
 
 
 def _add_slip(model: Model, wavenumber: float, variance: float) -> None:
@@ -320,13 +341,20 @@ def _differing(model: Model, columns: FloatArray) -> FloatArray:
     return np.asarray(out)
 
 
-def p_values(model: Model, k: IntArray, feeds: list[int]) -> tuple[FloatArray, FloatArray]:
+def p_values(
+    model: Model,
+    k: IntArray,
+    feeds: list[int],
+    louder: FloatArray | float = 1.0,
+    degrees: float = math.inf,
+) -> tuple[FloatArray, FloatArray]:
     """Return for each harmonic the largest p value with one feedrate omitted, and the variance.
 
     S = sum |q_r|^2, q_r = (h_r - G_r m)_k, over its expectation E = sum tr(G_r - G_r C G_r)_kk is
-    chi-square over its degrees of freedom f = 2 (R - R_f)(R - 1)/R.
+    chi-square over its degrees of freedom f = 2 (R - R_f)(R - 1)/R. Against a noise that is less, each
+    run by a factor `louder` on each harmonic, and known with some degrees of freedom, it is F.
     """
-    from scipy.stats import chi2
+    from scipy.stats import chi2, f as f_distribution
 
     assert model.post is not None  # noqa: S101  (after a solution)
     i, j = 1 + k, 1 + model.extension.n + k
@@ -344,12 +372,17 @@ def p_values(model: Model, k: IntArray, feeds: list[int]) -> tuple[FloatArray, F
         a, b = (bb * rest[i] - ab * rest[j]) / det, (aa * rest[j] - ab * rest[i]) / det
         spread += 0.5 * (a**2 + b**2 - (aa + bb) / det) / n
     of = np.array([r.feed for r in model.runs])
+    squares *= louder
     p = []
     for feed in feeds:
         kept = of != feed
         freedom = 2.0 * kept.sum() * (n - 1.0) / n
         ratio = squares[kept].sum(axis=0) / expected[kept].sum(axis=0)
-        p.append(chi2.sf(freedom * ratio, freedom))
+        p.append(
+            chi2.sf(freedom * ratio, freedom)
+            if math.isinf(degrees)
+            else f_distribution.sf(ratio, freedom, degrees)
+        )
     return np.max(p, axis=0), spread
 
 
