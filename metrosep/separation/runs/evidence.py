@@ -43,18 +43,6 @@ from metrosep.spectral.autoregressive import AutoregressiveModel
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "EvidenceTable",
-    "evidence_columns",
-    "evidence_table",
-    "explain_band",
-    "explain_disturbances",
-    "explain_lag",
-    "explain_resolution",
-    "noise_peaks",
-    "said_lag",
-]
-
 _NM, _MM = 1e-9, 1e-3
 _MAX_ROWS = 250
 _BLIND = "not separable by repeatability"
