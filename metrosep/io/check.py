@@ -26,10 +26,11 @@ from metrosep.core.units import format_length
 from metrosep.io._roles import runs_in, targets_in
 from metrosep.io.containers.hdf5 import saved_object
 from metrosep.io.findings import Finding, Level, height_findings
+from metrosep.io.own_runs import run_table
 from metrosep.io.read import read_any, read_one, recognise
 from metrosep.io.registry import principal
 from metrosep.io.runs import runs_of
-from metrosep.io.several_runs import run_table, table_advice
+from metrosep.io.several_runs import table_advice
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.table import Table, read_table
 

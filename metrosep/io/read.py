@@ -126,7 +126,7 @@ def read_one(path: str | os.PathLike[str], **options: Any) -> Surface | Profile 
     if not isinstance(obj, RunSet):
         return obj
     from metrosep.io._roles import runs_in
-    from metrosep.io.several_runs import run_table
+    from metrosep.io.own_runs import run_table
 
     if (found := runs_in(run_table(obj))) is not None:
         raise SeveralRunsError(path, replace(found, is_own=True))

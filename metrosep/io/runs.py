@@ -53,14 +53,8 @@ from metrosep.io._roles import (
     to_si,
 )
 from metrosep.io.own_notes import is_marked
-from metrosep.io.several_runs import (
-    BLOCKS,
-    COLUMNS,
-    SeveralRunsError,
-    own_columns,
-    own_runs,
-    run_table,
-)
+from metrosep.io.own_runs import own_columns, own_runs, run_table
+from metrosep.io.several_runs import BLOCKS, COLUMNS, SeveralRunsError
 from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.table import (

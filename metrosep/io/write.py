@@ -34,7 +34,7 @@ from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.io.objects import not_calibrated
 from metrosep.io.own_notes import header_lines
-from metrosep.io.several_runs import run_table
+from metrosep.io.own_runs import run_table
 from metrosep.io.text.dialect import header_unit
 
 _SUFFIXES = {

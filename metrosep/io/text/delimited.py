@@ -140,7 +140,7 @@ def read(
     table = read_table(file, is_named=named or channel is not None, **text)
     asked = (channel, lateral_step, unit, x, y, z, time, sampling_rate, scale)
     if all(a is None for a in asked) and any(map(is_marked, table.header["comments"])):
-        from metrosep.io.several_runs import own_runs
+        from metrosep.io.own_runs import own_runs
 
         if (runs := own_runs(file, table)) is not None:
             return runs
