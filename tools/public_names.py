@@ -9,6 +9,7 @@ import importlib
 import inspect
 import pkgutil
 from collections.abc import Iterator
+from functools import cache
 
 import metrosep
 
@@ -57,11 +58,22 @@ def _members(path: str, owner: type) -> Iterator[tuple[str, object]]:
             yield f"{path}.{name}", value
 
 
+@cache
+def _exported_classes() -> frozenset[type]:
+    every = (v for package in packages() for v in exported(package).values())
+    return frozenset(v for v in every if inspect.isclass(v))
+
+
 def inherited(owner: type) -> dict[str, object]:
-    """Return the public members that a class has from bases which no package exports, by name."""
+    """Return the public members that a class has from bases which no package exports, by name.
+
+    What all objects do alike (`metrosep.core`) is checked at its own page.
+    """
     found: dict[str, object] = {}
     for base in reversed(owner.__mro__[1:]):
+        where, _, home = base.__module__.partition(".")
         is_private = base.__name__.startswith("_") or "._" in base.__module__
-        if is_private and base.__module__.startswith("metrosep"):
+        is_of_all = home.startswith("core.") and not is_private
+        if where == "metrosep" and not is_of_all and base not in _exported_classes():
             found |= {name: value for name, value in vars(base).items() if name[0] != "_"}
     return {name: value for name, value in found.items() if name not in vars(owner)}

@@ -438,7 +438,7 @@ _ELSEWHERE = {
     "table": "table_answers:table",
     "controllers": "table_answers:controllers",
     "ranking": "metrics_answers:ranking",
-    "machine": "machine_answers:machine",
+    "machine": "table_answers:machine",
     "report": "export_answers:report",
     "compare": "compare_answers:compare",
     "run_folder": "export_answers:run_folder",

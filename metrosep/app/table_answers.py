@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import re
 from collections.abc import Mapping
@@ -15,8 +16,15 @@ import numpy as np
 
 from metrosep.app.documents import Edit, RecipeDocument
 from metrosep.app.mends import mends_of_table
+from metrosep.app.metrics_answers import as_far_as_it_goes, term_words
 from metrosep.app.opening import Opened
-from metrosep.app.separations import Separations, described_controllers, machine_facts, sign_words
+from metrosep.app.separations import (
+    MethodResults,
+    Separations,
+    described_controllers,
+    machine_facts,
+    sign_words,
+)
 from metrosep.app.sessions import Session, mark_of
 from metrosep.app.wire import Answer, Arrays, Cancel, Message, Tell, page_words, plain
 from metrosep.compensation.measured import Folds
@@ -42,11 +50,13 @@ from metrosep.core.errors import (
 from metrosep.core.readable import said_value
 from metrosep.core.runset import RunSet
 from metrosep.core.units import parse_quantity
+from metrosep.recipe.describe.describe_tests import curves_of
 from metrosep.recipe.outputs import active_of, carried_of, machine_of, temporary_folder
 from metrosep.recipe.pipeline import CancelledError
 from metrosep.recipe.preflight import output_name
 from metrosep.recipe.recipe import Recipe
-from metrosep.recipe.table_words import in_table_words
+from metrosep.recipe.step_help import in_table_words
+from metrosep.separation import Separation
 from metrosep.separation.runs.base import ErrorEstimate
 
 
@@ -613,3 +623,73 @@ class Wanted:
                 **said,
                 **self.machine,
             )
+
+
+def machine(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
+    """Answer a request ``machine``."""
+    with session.lock:
+        opened, document = session.need()
+        recipe, op = document.recipe, str(document.recipe.steps[0]["op"])
+    if op == "rank" or not isinstance(opened.material, MethodResults):
+        raise DataError(f"there are pictures of a method, and a ranking has its own; this is {op}")
+    tell({"k": "progress", "words": "computing"})
+    result, refused = as_far_as_it_goes(opened.material, recipe, cancel)
+    charts = list(result.document["separation"]["charts"])
+    if isinstance(result.produced, Separation) and not any(c["kind"] == "curves" for c in charts):
+        charts = [*curves_of(result.produced), *charts]  # the report draws these from the parts
+    header = {
+        "op": op,
+        "rows": _terms(result.produced) if op == "calibrate" else [],
+        "null": list(result.produced.found.null) if op == "calibrate" else [],
+        "charts": charts,
+        "messages": [
+            session.words(str(m))
+            for m in [refused] * (refused is not None)
+            + (_messages(result) if op == "calibrate" else list(result.document["messages"]))
+        ],
+        "verdict": None if refused is not None else result.verdict,
+    }
+    return plain(header), {}
+
+
+def _messages(result: Any) -> list[str]:
+    """Return what a calibration says beside what it does not determine, which has a list of its own."""
+    of_null = set(result.produced.messages) - set(result.produced.found.messages)
+    return [str(m) for m in result.document["messages"] if m not in of_null]
+
+
+def _terms(produced: Any) -> list[dict[str, Any]]:
+    """Return every term: its value or its P-V with u, or that the readings do not determine it."""
+    import numpy as np
+
+    from metrosep.machine._bases import UnseenTerm
+    from metrosep.machine.elements import axis_of, term_unit
+    from metrosep.machine.terms import ConstantTerm
+
+    found = produced.found
+    rows: list[dict[str, Any]] = []
+    for name, term in found.errors.items():
+        row: dict[str, Any] = {
+            "term": name,
+            "words": term_words(name),
+            "axis": axis_of(name) or "",
+            "unit": term_unit(found.chain, name),
+            "kind": "value",
+            "value": None,
+            "u": None,
+        }
+        if isinstance(term, ConstantTerm):
+            row |= {"value": term.value, "u": term.u}
+        elif not isinstance(term, UnseenTerm):
+            basis = found.bases[name]
+            low, high = (
+                (0.0, 2.0 * math.pi) if basis.kind == "fourier" else (basis.low, basis.high)
+            )
+            x = np.linspace(low, high, 181)
+            row |= {
+                "kind": "P-V",
+                "value": float(np.ptp(term.evaluate(x))),
+                "u": float(np.max(term.sd(x))),
+            }
+        rows.append(row)
+    return rows

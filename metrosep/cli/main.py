@@ -19,7 +19,7 @@ _GROUPS = {
         "psd": "spectra", "geometry": "geometry", "circle": "machines", "verify-softgauge": "measuring",
     },
     "Separate": {
-        "run": "jobs", "batch": "batches", "separate": "jobs", "plan": "planning", "calibrate": "machines",
+        "run": "jobs", "batch": "batches", "separate": "jobs", "plan": "modelling", "calibrate": "machines",
         "thermal": "machines", "air": "modelling",
     },
     "Compensate": {

@@ -136,8 +136,8 @@ def file_options(command: Callable[..., int]) -> Callable[..., int]:
 
 def _settings(texts: tuple[str, ...]) -> dict[str, Any]:
     """Return what ``--set`` gave, by name."""
-    given = ((name.replace("-", "_"), value) for name, value in name_values(texts, "--set"))
-    return {name: value if whole(value) is None else int(value) for name, value in given}
+    given = key_values(texts, "--set")
+    return {k: value if whole(value) is None else int(value) for k, value in given.items()}
 
 
 def name_values(texts: tuple[str, ...], option: str) -> list[tuple[str, str]]:
@@ -152,6 +152,11 @@ def name_values(texts: tuple[str, ...], option: str) -> list[tuple[str, str]]:
             raise click.UsageError(f"{option} {name} is given twice: keep one")
         found[key] = (name, value)
     return list(found.values())
+
+
+def key_values(texts: Iterable[str], option: str) -> dict[str, str]:
+    """Return the values that are written NAME=VALUE by key: in a key ``_`` stands for ``-``."""
+    return {name.replace("-", "_"): v for name, v in name_values(tuple(texts), option)}
 
 
 def whole(text: str) -> str | None:
@@ -385,10 +390,7 @@ def lacking_facts(controller: str, given: Iterable[str]) -> dict[str, str]:
 
     note_facts(controller)
     dialect = find(controller)
-    known = {
-        k.rpartition(".")[2].replace("-", "_"): v
-        for k, v in name_values(tuple(given), "--machine")
-    }
+    known = {k.rpartition(".")[2]: v for k, v in key_values(given, "--machine").items()}
     missing = missing_facts(known, dialect.options)
     if missing:
         split_machine(known, dialect.options, controller)  # a name may be misspelt

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from metrosep.cli.errors import bare_options, flags_of
-from metrosep.cli.options import name_values, whole
+from metrosep.cli.options import key_values, name_values, whole
 from metrosep.core.readable import did_you_mean
 from metrosep.core.text_options import TEXT_OPTIONS
 
@@ -85,10 +85,9 @@ def _with_own(
 
     known = of_table()
     made: dict[str, Any] = {k: options.get(k) for k in dict.fromkeys(known.values())}
-    machine = dict(name_values(tuple(options.get("machine") or ()), "--machine"))
+    machine: dict[str, Any] = {**key_values(options.get("machine") or (), "--machine")}
     if options.get("cross_axis") is not None:
         machine["cross_axis"] = options["cross_axis"]
-    machine = {k.replace("-", "_"): v for k, v in machine.items()}
     waive = [*(options.get("waive") or ())]
     facts = known_facts(find(controller)) if controller in names() else None
     stated: list[str] = []

@@ -20,9 +20,9 @@ from metrosep.cli.options import (
     file_options,
     force_option,
     json_option,
+    key_values,
     lacking_facts,
     missing_options,
-    name_values,
     note_facts,
     optional_read_options,
     phase,
@@ -422,8 +422,7 @@ def _trial(made: Any, amplitude: str) -> Any:
 
 def _facts(options: dict[str, Any]) -> dict[str, Any]:
     """Return what --machine says."""
-    stated = name_values(tuple(options.get("machine") or ()), "--machine")
-    return {name.replace("-", "_"): value for name, value in stated}
+    return key_values(options.get("machine") or (), "--machine")
 
 
 def write_arguments(options: dict[str, Any]) -> dict[str, Any]:
@@ -529,7 +528,7 @@ def verify(
     sidecar = load_sidecar(path)
     name = format_ or _controller_of(path, sidecar)
     note_facts(name)
-    known = {k.replace("-", "_"): v for k, v in name_values(machine, "--machine")}
+    known = key_values(machine, "--machine")
     ends = {k: known.pop(k, None) for k in ("travel_low", "travel_high")}
     loaded = controllers.read(path, name, **known)
     lookup = controllers.simulate(path, name, **known)

@@ -20,14 +20,14 @@ from typing import Any, overload
 import numpy as np
 
 from metrosep.compensation.area_errors import ErrorMap, bilinear, format_position
-from metrosep.compensation.entry_covariance import (
+from metrosep.compensation.maps import CompensationMap
+from metrosep.compensation.measured import at_reference
+from metrosep.compensation.sampling import (
     Covariance,
     JoinedCovariance,
     RestOfOld,
     variance,
 )
-from metrosep.compensation.maps import CompensationMap
-from metrosep.compensation.measured import at_reference
 from metrosep.compensation.table import CompensationTable
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError

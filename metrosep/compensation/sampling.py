@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any, Literal, SupportsIndex
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.area_errors import (
     AreaFunction,
@@ -27,7 +27,6 @@ from metrosep.compensation.area_errors import (
     is_rotary,
     rising,
 )
-from metrosep.compensation.entry_covariance import Covariance, EntryCovariance
 from metrosep.compensation.measured import at_reference, estimate_slope
 from metrosep.compensation.polynomial import exact_correction
 from metrosep.core._arrays import FloatArray, is_turn_apart
@@ -37,6 +36,75 @@ from metrosep.core.units import parse_quantity
 from metrosep.separation.positions.expansion import Expansion
 from metrosep.separation.positions.pitch import PitchErrors
 from metrosep.separation.runs.base import ErrorEstimate
+
+Covariance = Callable[[FloatArray], FloatArray]
+"""Covariance in m^2, shape (n, n), of what a table adds at positions in m, shape (n,)."""
+
+_BLOCK = 256
+"""Positions of which the covariance is looked at together: 30 000 entries have no square of their number."""
+
+
+def variance(covariance: Covariance, p: FloatArray) -> FloatArray:
+    """Return the variance at positions, shape (n,), m^2."""
+    blocks = [p[i : i + _BLOCK] for i in range(0, p.size, _BLOCK)]
+    found = [np.diag(covariance(block)) for block in blocks]
+    return np.asarray(np.maximum(np.concatenate([np.empty(0), *found]), 0.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EntryCovariance:
+    """Covariance of a table that was made of an estimate."""
+
+    positions: FloatArray  # shape (n,), m: of the entries, rising
+    of_error: Covariance  # of the error minus that at the reference
+
+    def __call__(self, p: FloatArray) -> FloatArray:
+        """Return the covariance at positions, the ends held as the table holds them, (k, k), m^2."""
+        nodes, weights = _looked_up(self.positions, p)
+        return np.asarray(weights @ self.of_error(self.positions[nodes]) @ weights.T)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RestOfOld:
+    """Covariance of what a new table, measured on top of an old one, leaves of the old one's errors."""
+
+    old: Covariance
+    entries: FloatArray  # shape (n,), m: positions of the new one
+
+    def __call__(self, p: FloatArray) -> FloatArray:
+        """Return the covariance at positions, shape (k, k), m^2; exactly 0 at the entries."""
+        nodes, weights = _looked_up(self.entries, p)
+        rest = np.hstack([np.eye(p.size), -weights])
+        out = rest @ self.old(np.concatenate([p, self.entries[nodes]])) @ rest.T
+        at = np.isin(p, self.entries)
+        out[at], out[:, at] = 0.0, 0.0
+        return np.asarray(out)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JoinedCovariance:
+    """Covariance of a new table on top of an old one, which were measured independently."""
+
+    rest: RestOfOld
+    new: Covariance
+
+    def __call__(self, p: FloatArray) -> FloatArray:
+        """Return the covariance at positions, shape (n, n), m^2."""
+        return np.asarray(self.new(p) + self.rest(p))
+
+
+def _looked_up(positions: FloatArray, p: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return which entries a lookup at p takes, (m,), and their weights, (k, m); the ends are held."""
+    at = np.clip(p, positions[0], positions[-1])
+    right = np.clip(np.searchsorted(positions, at), 1, positions.size - 1)
+    share = (at - positions[right - 1]) / (positions[right] - positions[right - 1])
+    nodes, back = np.unique(np.concatenate([right - 1, right]), return_inverse=True)
+    weights: FloatArray = np.zeros((at.size, nodes.size))
+    rows = np.arange(at.size)
+    weights[rows, back[: at.size]] = 1.0 - share
+    weights[rows, back[at.size :]] += share
+    return nodes, weights
+
 
 ErrorFunction = Callable[[FloatArray], FloatArray]
 ErrorSource = ErrorEstimate | PitchErrors | Profile | ErrorFunction

@@ -24,7 +24,6 @@ from metrosep.compensation.area_errors import (
     format_span,
     is_rotary,
 )
-from metrosep.compensation.entry_covariance import Covariance
 from metrosep.compensation.limits import (
     Corrections,
     Finding,
@@ -35,6 +34,7 @@ from metrosep.compensation.limits import (
 from metrosep.compensation.measured import Against, Folds, at_reference, source_hashes
 from metrosep.compensation.polynomial import exact_correction
 from metrosep.compensation.sampling import (
+    Covariance,
     Direction,
     ErrorSource,
     SampledError,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -57,21 +57,3 @@ def _submodule(package: str, name: str) -> Any:
         if error.name != f"{package}.{name}":
             raise
         raise missing from None
-
-
-def lazy_names(package: str, homes: Mapping[str, Iterable[str]]) -> GetAttribute:
-    """Return the ``__getattr__`` of a package; `homes` lists the names of each of its modules.
-
-    For packages that do not use `lazy_package` yet. A module that bears the name of one of its
-    objects would hide it once it is imported: there must be none.
-    """
-    home = {name: module for module, names in homes.items() for name in names}
-
-    def load(name: str) -> Any:
-        if name in home:
-            value = getattr(importlib.import_module(f"{package}.{home[name]}"), name)
-            setattr(sys.modules[package], name, value)
-            return value
-        return _submodule(package, name)
-
-    return load

@@ -3,7 +3,7 @@
 With weights p = s(x_j - x, y_j - y) over the valid pixels j, means < > under p, m = <r_j - r>
 and V the covariance of r_j under p, the plane through the neighbourhood has at the pixel the
 height ``<z> - m' V^-1 (<r z> - m <z>)`` (moment criterion of order 1, ISO 16610-28). Stripe by
-stripe the moments come out of `metrosep.filters._areal` and the 2 x 2 system of each pixel is
+stripe the moments come out of the passes below and the 2 x 2 system of each pixel is
 solved while they are in the cache; blocks whose windows are complete need one moment only.
 
 A plane is taken out first and put back: order 1 keeps planes, so this changes nothing but digits.
@@ -23,7 +23,35 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.core.blas import one_blas_thread, threads
-from metrosep.filters._kernel import COMPLETE, SINGULAR, WINDOW, lattice_sum
+
+ALPHA = math.sqrt(math.log(2.0) / math.pi)
+"""The constant a = 0.4697: half of the amplitude passes at the cutoff."""
+
+WINDOW = 7.0
+"""Half-width in standard deviations (1.31 cutoffs); 3e-12 of the weight lies outside."""
+
+COMPLETE = 1.0 - 5e-11
+"""Support share from which the window counts as complete."""
+
+SINGULAR = 1e-9
+"""Determinant of the second moments (in squared deviations) below which no slope is fitted."""
+
+
+def standard_deviation(cutoff: float, step: float) -> float:
+    """Return the standard deviation of the weighting function in samples."""
+    return ALPHA * cutoff / (math.sqrt(2.0 * math.pi) * step)
+
+
+def lattice_sum(sd: float) -> float:
+    """Return the sum of exp(-u^2 / 2 sd^2) over the integers u of the window."""
+    u = np.arange(1, half_width(sd) + 1) / sd
+    return 1.0 + 2.0 * float(np.exp(-0.5 * u * u).sum())
+
+
+def half_width(sd: float) -> int:
+    """Return the number of samples on either side of the centre that carry weight."""
+    return math.ceil(WINDOW * sd)
+
 
 _STRIPE = 96
 _BLOCK = 96

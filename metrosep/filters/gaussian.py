@@ -26,14 +26,14 @@ from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.filters import _areal as areal, _arguments as arguments
-from metrosep.filters._arguments import DOCS, FilterBand, Measured, Wavelength, Wavelengths
-from metrosep.filters._kernel import (
+from metrosep.filters._areal import (
     COMPLETE,
     SINGULAR,
     half_width,
     lattice_sum,
     standard_deviation,
 )
+from metrosep.filters._arguments import DOCS, FilterBand, Measured, Wavelength, Wavelengths
 from metrosep.spectral.dft import Band
 
 # ---- private: what the Gaussian filter is asked to do, checked and in samples ------------------

@@ -29,8 +29,36 @@ from metrosep.core.units import format_length
 from metrosep.filters import _arguments as arguments
 from metrosep.filters._arguments import DOCS, FilterBand, Measured, Wavelength
 
+_DOCS = {
+    **DOCS,
+    "standard": """
+        References
+        ----------
+        .. [1] ISO 16610-41:2015, morphological profile filters: disk and horizontal line-segment.
+        """,
+    "passed": """
+        refilter : bool, optional
+            Filter a profile that is a roughness profile already.
 
-@documented(**DOCS)
+        Returns
+        -------
+        Profile or Surface
+            Same grid, NaN where not measured. A profile of the short band is of kind R
+            (of a W profile W).
+
+        Raises
+        ------
+        DataError
+            If not exactly one of `radius` and `length` is given, it is too small or too large for the
+            grid, `band` is unknown, or the surface has no lateral step.
+        DoubleFilterError
+            If the profile is a roughness profile and `refilter` is false.
+        """,
+}
+"""What several of them say."""
+
+
+@documented(**_DOCS)
 def dilation(obj: Measured, *, radius: Wavelength = None, length: Wavelength = None) -> Measured:
     """Return the heights of an element that lies on the surface from above.
 
@@ -57,9 +85,7 @@ def dilation(obj: Measured, *, radius: Wavelength = None, length: Wavelength = N
     The element is cut at the ends and at samples that were not measured: they take no part in the
     maximum, and no height is invented for them. ``dilation(z) = -erosion(-z)``.
 
-    References
-    ----------
-    .. [1] ISO 16610-41:2015, morphological profile filters: disk and horizontal line-segment.
+    $standard
 
     Examples
     --------
@@ -70,7 +96,7 @@ def dilation(obj: Measured, *, radius: Wavelength = None, length: Wavelength = N
     return _replaced(obj, _on_measured(obj.z, steps, element.dilate), "dilation", element)
 
 
-@documented(**DOCS)
+@documented(**_DOCS)
 def erosion(obj: Measured, *, radius: Wavelength = None, length: Wavelength = None) -> Measured:
     """Return the heights of an element that lies on the surface from inside the material.
 
@@ -95,9 +121,7 @@ def erosion(obj: Measured, *, radius: Wavelength = None, length: Wavelength = No
     -----
     Ends and gaps as in `dilation`.
 
-    References
-    ----------
-    .. [1] ISO 16610-41:2015, morphological profile filters: disk and horizontal line-segment.
+    $standard
 
     Examples
     --------
@@ -108,7 +132,7 @@ def erosion(obj: Measured, *, radius: Wavelength = None, length: Wavelength = No
     return _replaced(obj, -_on_measured(-obj.z, steps, element.dilate), "erosion", element)
 
 
-@documented(**DOCS)
+@documented(**_DOCS)
 def closing(
     obj: Measured,
     *,
@@ -125,22 +149,7 @@ def closing(
     $element
     band : {"long", "short"}, optional
         The envelope e >= z, or z - e.
-    refilter : bool, optional
-        Filter a profile that is a roughness profile already.
-
-    Returns
-    -------
-    Profile or Surface
-        Same grid, NaN where not measured. A profile of the short band is of kind R
-        (of a W profile W).
-
-    Raises
-    ------
-    DataError
-        If not exactly one of `radius` and `length` is given, it is too small or too large for the
-        grid, `band` is unknown, or the surface has no lateral step.
-    DoubleFilterError
-        If the profile is a roughness profile and `refilter` is false.
+    $passed
     $element_raises
 
     Notes
@@ -149,9 +158,7 @@ def closing(
     samples only, so at an end that falls with slope m a ball leaves up to ``R m^2 / 2`` over the
     last ``R m``: remove tilt first. ``closing(z) = -opening(-z)``.
 
-    References
-    ----------
-    .. [1] ISO 16610-41:2015, morphological profile filters: disk and horizontal line-segment.
+    $standard
 
     Examples
     --------
@@ -162,7 +169,7 @@ def closing(
     return _filtered(obj, radius, length, band, refilter, name="closing", sign=1.0)
 
 
-@documented(**DOCS)
+@documented(**_DOCS)
 def opening(
     obj: Measured,
     *,
@@ -179,31 +186,14 @@ def opening(
     $element
     band : {"long", "short"}, optional
         The envelope e <= z, or z - e.
-    refilter : bool, optional
-        Filter a profile that is a roughness profile already.
-
-    Returns
-    -------
-    Profile or Surface
-        Same grid, NaN where not measured. A profile of the short band is of kind R
-        (of a W profile W).
-
-    Raises
-    ------
-    DataError
-        If not exactly one of `radius` and `length` is given, it is too small or too large for the
-        grid, `band` is unknown, or the surface has no lateral step.
-    DoubleFilterError
-        If the profile is a roughness profile and `refilter` is false.
+    $passed
     $element_raises
 
     Notes
     -----
     ``dilation(erosion(z)) = -closing(-z)``; ends and gaps as in `closing`.
 
-    References
-    ----------
-    .. [1] ISO 16610-41:2015, morphological profile filters: disk and horizontal line-segment.
+    $standard
 
     Examples
     --------

@@ -22,8 +22,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import real
 
-__all__ = ["RIGID", "Form", "Freedoms", "Placement", "Tilt", "choose_freedoms"]
-
 
 class Form(ABC):
     """An ideal surface.

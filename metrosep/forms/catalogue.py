@@ -15,8 +15,6 @@ from metrosep.core.readable import did_you_mean
 from metrosep.core.units import parse_quantity
 from metrosep.forms.base import Form
 
-__all__ = ["form_from_text", "form_names", "parameter_value"]
-
 _NUMBER = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*")
 _RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")
 _MINUS = "\u2212"

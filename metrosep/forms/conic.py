@@ -19,8 +19,6 @@ from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesErr
 from metrosep.core.numbers import positive
 from metrosep.forms.base import Shape, checked, positive_root, root
 
-__all__ = ["Asphere", "Conic", "Cylinder", "Plane", "Sphere"]
-
 
 class _Revolution(Shape):
     """A conic of revolution in R and k; `k` of a class is 0 where it is not a parameter."""
@@ -141,6 +139,7 @@ PICARD_STEPS = 5
 def scaled(
     x: FloatArray, y: FloatArray, z: FloatArray, name: str, needed: int
 ) -> tuple[float, float]:
+    """Return the half width of points and the spread of their heights, where they determine a form."""
     if z.size < needed:
         raise TooFewSamplesError(
             f"a {name} needs at least {needed} points to guess its curvature, got {z.size}"

@@ -15,9 +15,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.forms.base import RIGID, Shape, checked
 
-__all__ = ["Expression"]
-
-
 # ---- formulas as text: parsed to a tree of allowed parts, evaluated with exact derivatives -----
 # The text is never run as a program. Python's own parser makes a syntax tree, of which only numbers,
 # known names, arithmetic and the functions below pass. Evaluation carries each value with its

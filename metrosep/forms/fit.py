@@ -31,8 +31,6 @@ from metrosep.forms.points import Points, PointSet, points_of, require_scale
 from metrosep.forms.polynomial import Polynomial
 from metrosep.forms.result import FitResult
 
-__all__ = ["fit", "remove"]
-
 
 def fit(
     obj: Surface | Profile | PointSet,

@@ -28,8 +28,6 @@ from metrosep.forms.linear import (
 from metrosep.forms.points import SAMPLE, Points
 from metrosep.forms.polynomial import solve_level
 
-__all__ = ["find"]
-
 _START = 4000
 """Points that a first guess is made of."""
 _KEPT_PROMISE = 1e-2

@@ -28,21 +28,6 @@ from metrosep.forms.base import Form, Freedoms, Placement
 from metrosep.forms.moments import LeastSquares
 from metrosep.forms.points import Points
 
-__all__ = [
-    "Answer",
-    "LinearFit",
-    "LinearForm",
-    "Robust",
-    "robust_fit",
-    "robust_variance",
-    "solve_blocks",
-    "solve_linear",
-    "spread",
-    "sum_of_squares",
-    "trimmed_start",
-    "winsorised",
-]
-
 _BLOCK = 16384
 """Points of a block."""
 

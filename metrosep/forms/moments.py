@@ -34,21 +34,6 @@ from metrosep.core.errors import (
 from metrosep.core.numbers import choice, count
 from metrosep.forms._orthogonal import linearisation, values, values_on_axis
 
-__all__ = [
-    "Grid",
-    "GridPolynomial",
-    "Span",
-    "Terms",
-    "UnsignedArray",
-    "evaluate_grid",
-    "fit_grid_polynomial",
-    "grid_values",
-    "inverse_of",
-    "polynomial_terms",
-    "remove_grid",
-    "solve_grid",
-]
-
 Kind = Literal["total", "tensor"]
 
 MAX_DEGREE = 40

@@ -16,9 +16,6 @@ from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.regions import assumed_axis
 from metrosep.core.surface import Surface
 
-__all__ = ["SAMPLE", "PointSet", "Points", "points_of", "require_scale"]
-
-
 _BLOCK = 1 << 14
 """Points in a block: its columns stay in the cache of a core."""
 

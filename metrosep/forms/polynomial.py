@@ -31,8 +31,6 @@ from metrosep.forms.polynomial_fit import (
     remove_map,
 )
 
-__all__ = ["XY", "Chebyshev", "Legendre", "Polynomial", "solve_level"]
-
 _LETTERS = {"power": "c", "legendre": "L", "chebyshev": "T"}
 
 _BLOCK = 65536

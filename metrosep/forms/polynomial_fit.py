@@ -19,8 +19,6 @@ from metrosep.forms._orthogonal import Basis, values
 from metrosep.forms.linear import solve_blocks
 from metrosep.forms.moments import GridPolynomial, Kind, fit_grid_polynomial, remove_grid
 
-__all__ = ["Domain", "RawFit", "fit_grid", "fit_points", "fit_profile", "in_basis"]
-
 Domain = list[tuple[float, float]]
 """Centre and half width of each variable, m."""
 

@@ -23,9 +23,6 @@ from metrosep.core.numbers import choice, positive
 from metrosep.forms.base import checked, positive_root
 from metrosep.forms.conic import Conic, Departing
 
-__all__ = ["QForbes", "q_bfs", "q_con"]
-
-
 _RIM = 1e-9
 """Of the radius: a point this far outside still counts as on the rim."""
 

@@ -22,7 +22,6 @@ from metrosep.forms._correlated import (
     estimated,
     expanding_factor,
     from_model,
-    student,
 )
 from metrosep.forms.base import RIGID, Form, Placement
 from metrosep.forms.conic import curvature_name
@@ -31,8 +30,6 @@ from metrosep.forms.points import PointSet, points_of
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = ["FitResult", "expanding_factor", "student"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -14,8 +14,6 @@ from metrosep.core.errors import DegenerateFitError, TooFewSamplesError
 from metrosep.core.numbers import positive
 from metrosep.forms.base import Shape
 
-__all__ = ["SineGrid"]
-
 Same = Literal["same"]
 
 

@@ -27,8 +27,6 @@ from metrosep.core.errors import (
 from metrosep.core.surface import Surface
 from metrosep.forms.base import Shape, checked
 
-__all__ = ["GridForm", "MeshForm", "from_triangles"]
-
 _EDGE = 1e-9
 """A point this far outside an edge, as part of the triangle, is on it: no gaps between facets."""
 

@@ -19,8 +19,6 @@ from metrosep.core.errors import DegenerateFitError
 from metrosep.forms.base import Shape, positive_root, root
 from metrosep.forms.conic import EQUATOR, hessian, inside, radius_of
 
-__all__ = ["Biconic", "Toric"]
-
 
 def _start_radii(
     x: FloatArray, y: FloatArray, z: FloatArray, wanted: Sequence[bool], name: str

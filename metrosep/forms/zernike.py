@@ -33,20 +33,6 @@ from metrosep.forms.zernike_fit import (
     zernike_values,
 )
 
-__all__ = [
-    "Zernike",
-    "ZernikeOrder",
-    "ansi_to_nm",
-    "fringe_to_nm",
-    "nm_to_ansi",
-    "nm_to_fringe",
-    "nm_to_noll",
-    "noll_to_nm",
-    "term_indices",
-    "term_name",
-    "to_nm",
-]
-
 Normalisation = Literal["rms", "peak"]
 
 _Counted = tuple[tuple[int, ...], tuple[tuple[int, int], ...], tuple[str, ...]]

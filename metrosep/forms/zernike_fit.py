@@ -33,16 +33,6 @@ from metrosep.forms.moments import (
 )
 from metrosep.forms.polynomial_fit import uniform_axis
 
-__all__ = [
-    "RIM",
-    "ZernikeFit",
-    "fit_zernike_grid",
-    "fit_zernike_points",
-    "zernike_gradients",
-    "zernike_map",
-    "zernike_values",
-]
-
 ZernikeFit = tuple[FloatArray, FloatArray, float, int, float]
 """Coefficients (1 at the rim), inverse normal matrix, sum of squares, points, radius."""
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import FormatMismatchError, InvalidSamplesError
-from metrosep.core.inputs import Readings
+from metrosep.core.methods import Readings
 from metrosep.core.provenance import Step
 from metrosep.io._roles import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.role_columns import Role, role_values

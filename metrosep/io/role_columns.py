@@ -17,7 +17,7 @@ from metrosep.core.errors import (
     FormatMismatchError,
     UnitError,
 )
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.core.provenance import Step
 from metrosep.core.units import (
     SURROUNDINGS,

@@ -3,61 +3,91 @@
 `error = actual - nominal`; names after ISO 230-1: E, direction, moving axis. A name loads its module on first use.
 """
 
-# ruff: noqa: F403
-
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from metrosep.core._lazy import lazy_names
+from metrosep.core._lazy import lazy_package
 
-if TYPE_CHECKING:  # a module states its names in ``__all__``
-    from metrosep.machine.alignment import *
-    from metrosep.machine.calibration import *
-    from metrosep.machine.chains import *
-    from metrosep.machine.circles import *
-    from metrosep.machine.elements import *
-    from metrosep.machine.error_sets import *
-    from metrosep.machine.gram import *
-    from metrosep.machine.identification import *
-    from metrosep.machine.instruments import *
-    from metrosep.machine.inverse import *
-    from metrosep.machine.ranking import *
-    from metrosep.machine.sensitivity import *
-    from metrosep.machine.sobol import *
-    from metrosep.machine.terms import *
-    from metrosep.machine.thermal import *
+if TYPE_CHECKING:
+    from metrosep.machine._reading_problem import ReadingSet as ReadingSet
+    from metrosep.machine.alignment import (
+        FREEDOMS as FREEDOMS,
+        alignment_space as alignment_space,
+        freedom_maps as freedom_maps,
+        removed_freedoms as removed_freedoms,
+    )
+    from metrosep.machine.calibration import (
+        Calibration as Calibration,
+        calibrate as calibrate,
+        plan_calibration as plan_calibration,
+    )
+    from metrosep.machine.chains import (
+        Chain as Chain,
+        preset_table as preset_table,
+        presets as presets,
+    )
+    from metrosep.machine.circles import (
+        CircleTest as CircleTest,
+        Reversal as Reversal,
+        circle_test as circle_test,
+    )
+    from metrosep.machine.elements import (
+        Element as Element,
+        axis_of as axis_of,
+        element_terms as element_terms,
+        from_paper as from_paper,
+        import_errors as import_errors,
+        to_paper as to_paper,
+    )
+    from metrosep.machine.error_sets import ErrorSet as ErrorSet, as_error_set as as_error_set
+    from metrosep.machine.gram import (
+        aligned_gram as aligned_gram,
+        correlations as correlations,
+        expected_mean_square as expected_mean_square,
+        groups_alike as groups_alike,
+        shares as shares,
+    )
+    from metrosep.machine.identification import (
+        Identification as Identification,
+        IdentifiedGroup as IdentifiedGroup,
+        identify as identify,
+    )
+    from metrosep.machine.instruments import (
+        Angle as Angle,
+        Ballbar as Ballbar,
+        Displacement as Displacement,
+        FunctionalCurves as FunctionalCurves,
+        Instrument as Instrument,
+        Length as Length,
+        Nest as Nest,
+        at_functional_point as at_functional_point,
+    )
+    from metrosep.machine.inverse import (
+        CorrectedPath as CorrectedPath,
+        correct_path as correct_path,
+        inverse_kinematics as inverse_kinematics,
+    )
+    from metrosep.machine.ranking import rank as rank
+    from metrosep.machine.sensitivity import (
+        ParetoStep as ParetoStep,
+        SensitivityTable as SensitivityTable,
+    )
+    from metrosep.machine.sobol import sobol_indices as sobol_indices
+    from metrosep.machine.terms import (
+        CallableTerm as CallableTerm,
+        ConstantTerm as ConstantTerm,
+        ErrorTerm as ErrorTerm,
+        FourierTerm as FourierTerm,
+        PolynomialTerm as PolynomialTerm,
+        SumTerm as SumTerm,
+        TableTerm as TableTerm,
+        as_term as as_term,
+    )
+    from metrosep.machine.thermal import (
+        ThermalFit as ThermalFit,
+        ThermalTerm as ThermalTerm,
+        fit_thermal as fit_thermal,
+    )
 
-# fmt: off
-_HOMES = {
-    "alignment": ["FREEDOMS", "alignment_space", "freedom_maps", "removed_freedoms"],
-    "calibration": ["Calibration", "ReadingSet", "calibrate", "plan_calibration"],
-    "chains": ["Chain", "preset_table", "presets"],
-    "circles": ["CircleTest", "Reversal", "circle_test"],
-    "elements": ["Element", "axis_of", "element_terms", "from_paper", "import_errors", "to_paper"],
-    "error_sets": ["ErrorSet", "as_error_set"],
-    "gram": ["aligned_gram", "correlations", "expected_mean_square", "groups_alike", "shares"],
-    "identification": ["Identification", "IdentifiedGroup", "identify"],
-    "instruments": [
-        "Angle", "Ballbar", "Displacement", "FunctionalCurves", "Instrument", "Length", "Nest",
-        "at_functional_point",
-    ],
-    "inverse": ["CorrectedPath", "correct_path", "inverse_kinematics"],
-    "ranking": ["rank"],
-    "sensitivity": ["ParetoStep", "SensitivityTable"],
-    "sobol": ["sobol_indices"],
-    "terms": [
-        "CallableTerm", "ConstantTerm", "ErrorTerm", "FourierTerm", "PolynomialTerm", "SumTerm",
-        "TableTerm", "as_term",
-    ],
-    "thermal": ["ThermalFit", "ThermalTerm", "fit_thermal"],
-}
-# fmt: on
-
-__all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605
-
-__getattr__ = lazy_names(__name__, _HOMES)
-
-
-def __dir__() -> list[str]:
-    return list(__all__)
+__getattr__, __dir__ = lazy_package(__name__)

@@ -22,8 +22,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
-from metrosep.machine._artefact_forms import forms_of
-from metrosep.machine._bases import Basis, basis_of
+from metrosep.machine._bases import Basis, basis_of, forms_of
 from metrosep.machine._drift_noise import (
     Fit,
     Gls,

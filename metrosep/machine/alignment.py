@@ -22,9 +22,6 @@ from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.readable import did_you_mean
 
-__all__ = ["FREEDOMS", "Alignment", "alignment_space", "freedom_maps", "removed_freedoms"]
-
-
 LAST_TERM = 37
 """Noll index of the last Zernike term that an alignment may take."""
 

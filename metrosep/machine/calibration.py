@@ -63,9 +63,6 @@ from metrosep.machine.elements import term_unit
 from metrosep.machine.instruments import Instrument, read
 from metrosep.machine.terms import ConstantTerm, ErrorTerm
 
-__all__ = ["Calibration", "ReadingSet", "calibrate", "plan_calibration"]
-
-
 LARGEST_ERROR = {"m": 5e-6, "rad": 30e-6, "1": math.inf}
 """A direction with a larger standard uncertainty is reported: the readings hardly determine it."""
 

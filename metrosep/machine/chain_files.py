@@ -33,8 +33,6 @@ from metrosep.core.atomic import MACHINE_BYTES, read_plain_text
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.machine.elements import DIRECTIONS, Element
 
-__all__ = ["chain_parts", "toml_table"]
-
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
 _TABLE_KEYS = ("name", "description", "parameters", "element")

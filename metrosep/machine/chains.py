@@ -46,8 +46,6 @@ from metrosep.machine.error_sets import ErrorSet, as_error_set
 if TYPE_CHECKING:
     from metrosep.machine.instruments import Instrument
 
-__all__ = ["Chain", "preset_table", "presets"]
-
 Positions = Mapping[str, ArrayLike]
 Errors = ErrorSet | Mapping[str, Any]
 

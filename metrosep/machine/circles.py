@@ -32,8 +32,6 @@ from metrosep.core.units import format_length
 from metrosep.machine._drift_noise import Fit, Gls, Stream
 from metrosep.machine.terms import positions_array
 
-__all__ = ["CircleTest", "Reversal", "circle_test"]
-
 _PLANES = {"XY": ("C0Y", 1.0), "YZ": ("A0Z", 1.0), "ZX": ("B0Z", -1.0), "XZ": ("B0Z", -1.0)}
 """Squareness that the turn of the second axis is, and its sign (ISO 230-1: Y against X, Z against both)."""
 

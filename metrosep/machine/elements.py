@@ -30,11 +30,6 @@ from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 
-__all__ = [
-    "BRANCHES", "DIRECTIONS", "FRAMES", "KINDS", "SIDES", "Element", "axis_of", "element_terms",
-    "error_sign", "from_paper", "import_errors", "located_axis", "paper_hint", "to_paper",
-]  # fmt: skip
-
 KINDS = ("linear", "rotary", "fixed")
 BRANCHES = ("tool", "workpiece")
 FRAMES = ("after", "before")

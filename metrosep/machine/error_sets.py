@@ -30,8 +30,6 @@ from metrosep.machine.terms import (
     refuse_length,
 )
 
-__all__ = ["ErrorSet", "as_error_set"]
-
 _ROUNDING = 1e-9  # of the least eigenvalue of a correlation matrix
 
 

@@ -21,12 +21,6 @@ from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.machine.alignment import Alignment
 
-__all__ = [
-    "AlignedGram", "aligned_gram", "check_gram", "correlations", "expected_mean_square", "groups_alike",
-    "shares",
-]  # fmt: skip
-
-
 _BLOCK = 2048
 
 NOTHING_LEFT = 1e-9

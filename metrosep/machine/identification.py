@@ -45,8 +45,6 @@ if TYPE_CHECKING:
 
     from metrosep.machine.calibration import Calibration
 
-__all__ = ["Identification", "IdentifiedGroup", "identify"]
-
 _STEPS = 20
 
 _HARDLY = 0.05

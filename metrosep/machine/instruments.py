@@ -38,11 +38,6 @@ from metrosep.machine.terms import positions_array
 if TYPE_CHECKING:
     from metrosep.machine.chains import Chain, Errors, Positions
 
-__all__ = [
-    "Angle", "Ballbar", "Displacement", "FunctionalCurves", "Instrument", "Length", "Nest",
-    "at_functional_point",
-]  # fmt: skip
-
 _ENDS = ("workpiece", "bed")
 _SPACES = ("machine", "workpiece")
 _LARGEST = 100.0  # m; a length above it was typed in mm

@@ -27,8 +27,6 @@ from metrosep.machine.terms import positions_array
 if TYPE_CHECKING:
     from metrosep.machine.chains import Chain, Errors, Positions
 
-__all__ = ["CorrectedPath", "correct_path", "inverse_kinematics", "reach_of"]
-
 _ROUNDS = 6
 _SETTLED = 1e-12
 _SINGULAR = math.sin(math.radians(2.0))

@@ -41,9 +41,6 @@ from metrosep.machine.sensitivity import SensitivityTable
 from metrosep.machine.sobol import DISTRIBUTIONS
 from metrosep.machine.terms import FourierTerm, TrialAmounts
 
-__all__ = ["rank"]
-
-
 _LARGE_ANGLE = 0.1
 """rad: a plain number beyond it was hardly meant in rad, and first order holds no more."""
 

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     from metrosep.forms.zernike import ZernikeOrder
 
-__all__ = ["ParetoStep", "SensitivityTable"]
-
 
 @dataclass(frozen=True, slots=True)
 class ParetoStep:

@@ -18,9 +18,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 from metrosep.machine.gram import check_gram
 
-__all__ = ["DISTRIBUTIONS", "SobolIndices", "sobol_indices"]
-
-
 DISTRIBUTIONS = {"normal": 1.0, "uniform": 1.0 / np.sqrt(3.0)}
 """Standard deviation of each distribution in parts of its magnitude: standard uncertainty of the
 normal one, half-width of the uniform one."""

@@ -20,11 +20,6 @@ from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, as_float, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
 
-__all__ = [
-    "CallableTerm", "ConstantTerm", "ErrorTerm", "FourierTerm", "PolynomialTerm", "SumTerm", "TableTerm",
-    "as_term",
-]  # fmt: skip
-
 _ROUNDING = 1e-9  # of the span of a table; a position beyond its end by this is on the end
 
 

@@ -42,8 +42,6 @@ from metrosep.machine.elements import axis_of
 from metrosep.machine.error_sets import ErrorSet, as_error_set
 from metrosep.machine.terms import ConstantTerm, ErrorTerm, SumTerm, TableTerm, is_angle
 
-__all__ = ["ThermalFit", "ThermalTerm", "fit_thermal"]
-
 _MARGIN = 1e-9  # of the range that was seen: rounding
 _NOISE = 4.0  # standard deviations of a sensor by which its range is not beyond it
 

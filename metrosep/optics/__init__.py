@@ -27,7 +27,10 @@ if TYPE_CHECKING:
         path_difference as path_difference,
         path_sensitivity as path_sensitivity,
     )
-    from metrosep.optics.wavefronts import Wavefront as Wavefront, wavefront as wavefront
-    from metrosep.optics.zernike_tables import ZernikeTable as ZernikeTable
+    from metrosep.optics.wavefronts import (
+        Wavefront as Wavefront,
+        ZernikeTable as ZernikeTable,
+        wavefront as wavefront,
+    )
 
 __getattr__, __dir__ = lazy_package(__name__)

@@ -64,8 +64,6 @@ from metrosep.parameters.watershed import (
 )
 from metrosep.spectral.dft import instance_of, symbols
 
-__all__ = ["EDITION", "ArealEdition", "ArealParameterTable", "areal_parameters", "is_form_removed"]
-
 ArealEdition = Literal["ISO 25178-2:2021", "ISO 25178-2:2012"]
 
 EDITION: ArealEdition = "ISO 25178-2:2021"

@@ -21,9 +21,6 @@ from metrosep.core.numbers import without_rounding
 from metrosep.core.surface import Surface
 from metrosep.parameters.table import LARGEST, check_range
 
-__all__ = ["HeightStatistics", "flat_within_rounding", "height_statistics"]
-
-
 _LINE = 64
 """Bytes of a line of the cache."""
 

@@ -16,8 +16,6 @@ from metrosep.core.errors import DataError
 from metrosep.core.readable import near_words
 from metrosep.core.units import format_length, parse_quantity
 
-__all__ = ["AREAL", "PROFILE", "Call", "Function", "call_of", "canonical", "is_call", "unknown"]
-
 _CALL = re.compile(r"\s*([A-Za-z]\w*)\s*\((.*)\)\s*", re.DOTALL)
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _COMMA = re.compile(r"\d+,\d+(?:[eE][-+]?\d+)?\s*[^\W\d]\w*")

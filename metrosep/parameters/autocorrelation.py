@@ -21,16 +21,6 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.numbers import positive
 from metrosep.core.units import format_length
 
-__all__ = [
-    "Autocorrelation",
-    "CentralLobe",
-    "autocorrelation",
-    "central_lobe",
-    "dominant_wavelength",
-    "texture_direction",
-]
-
-
 _MIN_SIZE = 8
 """Fewest rows and columns: lags to four pixels."""
 

@@ -23,9 +23,6 @@ from metrosep.core.quantity import Quantity
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Budget", "Contribution", "Distribution", "coverage_factor", "report_value"]
-
-
 Distribution = Literal["normal", "rectangular", "triangular", "arcsine"]
 
 _DIVISOR = {

@@ -14,16 +14,6 @@ from metrosep.core.numbers import flag, not_negative, quantity, real
 from metrosep.parameters.budget import Contribution
 from metrosep.parameters.repeats import TypeA
 
-__all__ = [
-    "alternatives_line",
-    "certificate_line",
-    "drift_line",
-    "lateral_scale_line",
-    "nonlinearity_line",
-    "repeatability_line",
-    "scale_line",
-]
-
 
 def scale_line(value: float, half_width: float, *, degree: float = 1.0) -> Contribution:
     """Return the line of the z scale.

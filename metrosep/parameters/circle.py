@@ -18,9 +18,6 @@ from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.core.errors import NotConvergedError
 from metrosep.parameters.straightness import Mode, Optimum, chunk_extremes, optimum
 
-__all__ = ["CirclePoints", "CircleSolution", "best_circle"]
-
-
 _MAX_CENTRES = 100
 """Centres tried; three or four are usual."""
 

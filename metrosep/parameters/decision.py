@@ -20,21 +20,6 @@ from metrosep.core.limits import RULES
 from metrosep.core.numbers import choice, count, flag, not_negative, positive, real
 from metrosep.core.units import format_engineering
 
-__all__ = [
-    "Acceptance",
-    "AcceptanceRule",
-    "Decision",
-    "Verdict",
-    "conformance_probability",
-    "decide",
-    "guard_factor",
-    "judge",
-    "judge_values",
-    "limits_error",
-    "ordered_limits",
-    "worst",
-]
-
 _ROUNDING = 4.0 * sys.float_info.epsilon
 """Of each of the numbers, their difference and their product: 9.4 is 10 - 2 * 0.3."""
 

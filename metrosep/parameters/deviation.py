@@ -28,8 +28,6 @@ from metrosep.parameters.circle import CirclePoints, CircleSolution, best_circle
 from metrosep.parameters.form_result import FormDeviation, Kind, Reference, Support, form_table
 from metrosep.parameters.straightness import Optimum, optimum, straightness_deviation
 
-__all__ = ["form_deviation"]
-
 _OPTIONS: dict[str, tuple[str, ...]] = {
     "straightness": ("normal",),
     "flatness": (),

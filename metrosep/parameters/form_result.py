@@ -17,8 +17,6 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.parameters.table import Context, ParameterTable
 
-__all__ = ["FormDeviation", "Kind", "Reference", "Support", "form_table"]
-
 Kind = Literal["straightness", "flatness", "roundness"]
 Reference = Literal["MZ", "LS", "EP", "MC", "MI"]
 

@@ -23,17 +23,6 @@ from metrosep.core.quantity import Quantity
 from metrosep.parameters.decision import limits_error
 from metrosep.parameters.repeats import RELATIVE_FLOOR
 
-__all__ = [
-    "LEAST_VALUES",
-    "Capability",
-    "ControlLimits",
-    "GaugeStudy",
-    "VarianceRow",
-    "capability_of",
-    "control_limits",
-    "gauge_study",
-]
-
 _NDC = math.sqrt(2.0)
 """Number of distinct categories is sqrt(2) times parts over gauge, both standard deviations."""
 

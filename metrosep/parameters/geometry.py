@@ -29,22 +29,6 @@ from metrosep.forms.base import Form, Placement
 from metrosep.parameters.interferometric import smallest_circle
 from metrosep.parameters.straightness import optimum
 
-__all__ = [
-    "DatumAxis",
-    "DatumPlane",
-    "GeometricDeviation",
-    "axis_zone",
-    "coaxiality",
-    "cylindricity",
-    "datum_axis",
-    "datum_plane",
-    "parallelism",
-    "perpendicularity",
-    "run_out",
-    "section_centres",
-    "surface_profile",
-]
-
 _SETTLED = 1e-12
 """Of the radius: a step of the axis below this ends the iteration; of a zone: what may be left of it."""
 _SHORTEST, _FALL = 1e-9, 0.1

@@ -30,8 +30,6 @@ from metrosep.forms._correlated import estimated
 from metrosep.forms.points import Points, points_of
 from metrosep.spectral.dft import instance_of
 
-__all__ = ["StepHeight", "step_between", "step_height"]
-
 EDITION = "ISO 5436-1:2000 (recalled)"
 _LEAST, _LEAST_OF_REGION = 3, 10
 """Samples in a range of a groove, and in a region of a map."""

@@ -24,9 +24,6 @@ from metrosep.parameters.areal_heights import HeightStatistics, height_statistic
 from metrosep.parameters.table import Context, ParameterTable, Row, chosen_rows, evaluated
 from metrosep.spectral.dft import instance_of
 
-__all__ = ["interferometric_parameters", "robust_peak_to_valley", "smallest_circle"]
-
-
 _EDITION = "ISO 14999-4:2015"
 
 _TERMS = 36

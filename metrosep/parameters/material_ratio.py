@@ -22,18 +22,6 @@ from metrosep.core.errors import (
 )
 from metrosep.core.numbers import choice, quantity
 
-__all__ = [
-    "AbbottCurve",
-    "CoreHeight",
-    "CoreLine",
-    "ProbabilityLines",
-    "abbott_curve",
-    "core_height",
-    "material_height",
-    "material_ratio",
-    "probability_lines",
-]
-
 CoreLine = Literal["lsq", "secant"]
 
 PEAK, VALLEY = 0.10, 0.80

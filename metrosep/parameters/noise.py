@@ -29,21 +29,6 @@ from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.parameters.table import with_heights
 
-__all__ = [
-    "CorrelatedNoise",
-    "Noise",
-    "NoiseEstimate",
-    "NoiseFromPsd",
-    "NoiseFromRepeats",
-    "Sampling",
-    "StationaryNoise",
-    "WhiteNoise",
-    "mean_of_repeats",
-    "noise_of_repeats",
-    "sampling_of",
-    "stack_repeats",
-]
-
 _REACH = 6.0
 """The Gaussian ACF is 2e-16 at this many correlation lengths: the far end does not see it."""
 

@@ -48,17 +48,6 @@ from metrosep.parameters.table import (
 from metrosep.parameters.watershed import LARGEST_GAP
 from metrosep.spectral.dft import instance_of
 
-__all__ = [
-    "SETTING_CLASSES",
-    "Edition",
-    "ProfileParameterTable",
-    "SettingClass",
-    "profile_parameters",
-    "setting_class",
-    "settle_cutoff",
-    "suggested_cutoff",
-]
-
 _OFFSET_SHARE = 0.05
 """A mean of the heights above this share of q deserves a note: sk and ku depend on it."""
 

@@ -40,18 +40,6 @@ from metrosep.parameters.table import (
 from metrosep.parameters.uncertainty import expected_range
 from metrosep.spectral.dft import instance_of, symbols
 
-__all__ = [
-    "Effect",
-    "MonteCarloResult",
-    "MonteCarloTable",
-    "drift_effect",
-    "monte_carlo",
-    "monte_carlo_table",
-    "nonlinearity_effect",
-    "scale_effect",
-    "shortest_interval",
-]
-
 _SEQUENCE = 10_000
 """Draws of one sequence of the adaptive procedure (JCGM 101, 7.9.4)."""
 

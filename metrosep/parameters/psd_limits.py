@@ -25,8 +25,6 @@ from metrosep.parameters.decision import Verdict, worst
 from metrosep.spectral.masked import MaskedPsd
 from metrosep.spectral.spectra import Psd
 
-__all__ = ["BandResult", "PsdLimit", "PsdVerdict", "judge_psd", "psd_limit"]
-
 _PER_OCTAVE = 3
 _WAVES = 8
 """Waves across the outline: below, the width of the window counts. `MaskedPsd.lowest` is that of two."""

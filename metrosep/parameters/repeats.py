@@ -35,19 +35,6 @@ from metrosep.parameters.table import (
     with_heights,
 )
 
-__all__ = [
-    "RELATIVE_FLOOR",
-    "NoiseFreeRms",
-    "RepeatResult",
-    "TypeA",
-    "constant",
-    "floors",
-    "from_repeats",
-    "noise_free_rms",
-    "term_floors",
-    "type_a",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class TypeA:

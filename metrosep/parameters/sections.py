@@ -24,16 +24,6 @@ from metrosep.core.units import Pixels, format_length
 from metrosep.filters._arguments import SHORTFALL
 from metrosep.parameters.table import check_range
 
-__all__ = [
-    "MIN_VALID_SHARE",
-    "SHORTFALL",
-    "Evaluation",
-    "section_slices",
-    "sections_in",
-    "sections_that_fit",
-    "trim",
-]
-
 _MIN_SECTION = 2
 """Fewest samples in a section."""
 

@@ -20,8 +20,6 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.parameters.gauge import control_limits
 from metrosep.parameters.repeats import constant, term_floors
 
-__all__ = ["PartSeries", "TermSeries", "part_series"]
-
 _FEWEST = 5
 """Parts below which a slope, its scatter and a correlation without it are not determined."""
 

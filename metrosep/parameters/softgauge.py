@@ -25,15 +25,6 @@ from metrosep.parameters._profile_rows import named_edition
 from metrosep.parameters.sections import sections_that_fit
 from metrosep.spectral.dft import instance_of
 
-__all__ = [
-    "Expectation",
-    "GaugeResult",
-    "GaugeRow",
-    "GaugeSettings",
-    "expectations",
-    "verify_softgauge",
-]
-
 _DIMENSIONS = {"m": "length", "1": "number", "rad": "angle"}
 _ANEW = "take the file anew from its publisher"
 

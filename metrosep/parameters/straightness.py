@@ -28,8 +28,6 @@ from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.form_result import FormDeviation, Reference, Support, form_table
 
-__all__ = ["Mode", "Optimum", "chunk_extremes", "optimum", "straightness_deviation"]
-
 _FREEDOMS = 2
 """Slope and intercept."""
 

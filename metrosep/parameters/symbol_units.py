@@ -11,15 +11,6 @@ from metrosep.core.limits import FORM_OF_SYMBOL
 from metrosep.core.readable import nearest
 from metrosep.parameters.arguments import AREAL, PROFILE, Call, call_of, is_call
 
-__all__ = [
-    "beside_all",
-    "current_symbol",
-    "is_of_all",
-    "same_parameter",
-    "unit_of_symbol",
-    "wrong_call",
-]
-
 
 def unit_of_symbol(symbol: str) -> str | None:
     """Return the SI unit of a parameter of profiles or maps.

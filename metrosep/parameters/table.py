@@ -39,8 +39,6 @@ from metrosep.spectral.dft import symbols
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Context", "ParameterTable"]
-
 
 @dataclass(frozen=True, slots=True)
 class Context:

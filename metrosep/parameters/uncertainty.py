@@ -26,16 +26,6 @@ from metrosep.parameters.table import (
     valid_heights,
 )
 
-__all__ = [
-    "NoiseInfluence",
-    "effective_number",
-    "expected_range",
-    "linear_uncertainty",
-    "noise_influence",
-    "scale_uncertainty",
-]
-
-
 _END = 40.0
 """Half-width of the integral in sigma; the normal density is zero to float there."""
 

@@ -25,21 +25,6 @@ from metrosep.core._arrays import FloatArray, IntArray, frozen_float
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 
-__all__ = [
-    "LARGEST_GAP",
-    "LARGEST_HOLE",
-    "Ground",
-    "Hills",
-    "Peaks",
-    "closed_hills",
-    "five_point_height",
-    "ground_of",
-    "mean_peak_curvature",
-    "peaks_of",
-    "significant_peaks",
-]
-
-
 _FIVE = 5
 
 LARGEST_HOLE = 50

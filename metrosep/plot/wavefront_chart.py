@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from metrosep.optics.image_quality import ModulationTransfer
-    from metrosep.optics.wavefronts import Wavefront
-    from metrosep.optics.zernike_tables import ZernikeTable
+    from metrosep.optics.wavefronts import Wavefront, ZernikeTable
 
 _ORDERS = {"ansi": "ANSI", "noll": "Noll", "fringe": "Fringe"}
 

@@ -253,7 +253,7 @@ def _prepared(
         return
     from metrosep.controllers.base import own_part, sidecar_path
     from metrosep.controllers.files import prepare
-    from metrosep.recipe.table_words import in_table_words
+    from metrosep.recipe.step_help import in_table_words
 
     for (output, place), target in zip(_tables_of(recipe), targets, strict=True):
         if tell is not None:

@@ -395,7 +395,7 @@ def machine_limits(output: Mapping[str, Any], place: Place) -> dict[str, Any]:
     except DataError as exc:
         text = str(exc)
         if place.file != COMMAND:
-            from metrosep.recipe.table_words import table_words
+            from metrosep.recipe.step_help import table_words
             from metrosep.recipe.written.overrides import toml_text
 
             wanted = {**given, **{k: v for hint in exc.hints for k, v in hint.items()}}

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core.errors import DataError, InvalidSamplesError, OptionError
-from metrosep.core.inputs import NamedFiles, Readings, Results, RoleColumns
-from metrosep.core.methods import METHODS, Method
+from metrosep.core.methods import METHODS, Method, NamedFiles, Readings, Results, RoleColumns
 from metrosep.core.numbers import is_real
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile

@@ -18,9 +18,6 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TooFewSamplesError
 
-__all__ = ["AutoregressiveModel", "fit_autoregressive", "whiten"]
-
-
 _RIDGE = 1e-12
 """Relative ridge on the normal matrix: a noise-free residual must not make it singular."""
 

@@ -29,19 +29,6 @@ from metrosep.spectral.spectra import AmplitudeSpectrum, ArealPsd, Psd, RadialPs
 from metrosep.spectral.streaming import StreamedPsd
 from metrosep.spectral.window import hann_weights, taper_weights
 
-__all__ = [
-    "AmplitudeSpectrum",
-    "ArealPsd",
-    "Psd",
-    "RadialPsd",
-    "amplitude_spectrum",
-    "areal_psd",
-    "band_rms",
-    "pooled_periodogram",
-    "profile_psd",
-    "radial_psd",
-]
-
 Window = Literal["none", "hann"] | float
 
 _DOCS = {

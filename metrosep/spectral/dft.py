@@ -19,8 +19,6 @@ from metrosep.core.errors import DataError
 from metrosep.core.numbers import positive
 from metrosep.core.units import format_ends, format_length
 
-__all__ = ["Band", "fourier_basis", "fourier_coefficients", "fourier_sum"]
-
 _FEW_HARMONICS = 16
 """Below it each cosine is worked out by itself."""
 _MAX_CELLS = 4_000_000

@@ -34,8 +34,6 @@ from metrosep.core.surface import Surface, lateral_steps
 from metrosep.spectral.dft import instance_of
 from metrosep.spectral.spectra import ArealPsd, Psd, RadialPsd
 
-__all__ = ["MaskedPsd", "masked_psd"]
-
 _PERIODS = 2.0
 """Of the width of the outline: the lowest frequency that is more than the window."""
 _LOW, _LOW_LINE = 8.0, 32.0

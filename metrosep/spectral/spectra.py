@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.provenance import Step
 
-__all__ = ["AmplitudeSpectrum", "ArealPsd", "Psd", "RadialPsd"]
-
 
 class _Spectrum:
     """What all spectra share: arrays that cannot be written to, and a unit of the density."""

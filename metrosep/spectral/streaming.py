@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 
-__all__ = ["BinnedMean", "StreamedPsd"]
-
 
 @dataclass(slots=True, eq=False)
 class BinnedMean:

@@ -15,15 +15,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import between, count
 
-__all__ = [
-    "coherent_gain",
-    "hann_weights",
-    "kono_weights",
-    "noise_bandwidth",
-    "taper_weights",
-    "tukey_weights",
-]
-
 
 def _check(n: int, n_taper: int) -> None:
     count(n, "the number of samples n of a window")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from metrosep.app.documents import Places
-from metrosep.app.machine_answers import machine
 from metrosep.app.sessions import Session
+from metrosep.app.table_answers import machine
 from metrosep.core.errors import DataError
 
 

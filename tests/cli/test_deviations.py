@@ -7,7 +7,7 @@ import pytest
 
 from metrosep.cli.main import main
 from metrosep.core.errors import InvalidSamplesError
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.separation.positions.positioning import as_positions
 
 SAME = 1e-12  # m: what the sum of target and deviation rounds

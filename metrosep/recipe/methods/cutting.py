@@ -13,8 +13,7 @@ import numpy as np
 
 from metrosep.controllers.gcode.lathe import LatheAxes
 from metrosep.core.errors import DataError
-from metrosep.core.inputs import RoleColumns
-from metrosep.core.methods import Method
+from metrosep.core.methods import Method, RoleColumns
 from metrosep.core.options import Option, options_of
 from metrosep.core.units import format_length, parse_quantity
 from metrosep.recipe.methods.axis_limits import LIMITS, limits_of

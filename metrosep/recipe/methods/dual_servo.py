@@ -15,8 +15,7 @@ from metrosep.core.errors import (
     FormatMismatchError,
     LimitError,
 )
-from metrosep.core.inputs import Readings
-from metrosep.core.methods import Method
+from metrosep.core.methods import Method, Readings
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step

@@ -23,8 +23,7 @@ from metrosep.core.errors import (
     MetrosepError,
     TooFewSamplesError,
 )
-from metrosep.core.inputs import RoleColumns
-from metrosep.core.methods import Method
+from metrosep.core.methods import Method, RoleColumns
 from metrosep.core.options import option
 from metrosep.core.units import format_length
 from metrosep.recipe.describe.charts import curve, curve_chart, panel

@@ -10,8 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from metrosep.core.errors import DataError
-from metrosep.core.inputs import RoleColumns
-from metrosep.core.methods import Method
+from metrosep.core.methods import Method, RoleColumns
 from metrosep.core.options import Option
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording

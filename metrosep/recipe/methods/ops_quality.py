@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError, InvalidSamplesError
-from metrosep.core.inputs import RoleColumns
-from metrosep.core.methods import Method
+from metrosep.core.methods import Method, RoleColumns
 from metrosep.core.options import Option
 
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from metrosep.core.errors import DataError, OptionError
-from metrosep.core.inputs import NamedFiles, RoleColumns
-from metrosep.core.methods import Method
+from metrosep.core.methods import Method, NamedFiles, RoleColumns
 from metrosep.core.numbers import count, quantity
 from metrosep.core.options import Option
 from metrosep.core.units import unit_dimension

@@ -15,7 +15,7 @@ from metrosep.recipe.describe.charts import plain
 from metrosep.recipe.describe.description import Description, quantity
 
 if TYPE_CHECKING:
-    from metrosep.core.inputs import RoleColumns
+    from metrosep.core.methods import RoleColumns
     from metrosep.separation.runs.base import ErrorEstimate
 
 PLAN = {

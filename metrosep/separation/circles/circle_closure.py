@@ -30,12 +30,11 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.core.inputs import Readings
+from metrosep.core.methods import Readings
 from metrosep.core.numbers import count
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import RecordedMethod, settle
 from metrosep.separation._readings import known_parts, part_of
 from metrosep.separation.circles._circle import (
     check_sign,
@@ -49,8 +48,10 @@ from metrosep.separation.circles._circle import (
 from metrosep.separation.contract import (
     History,
     Parts,
+    RecordedMethod,
     Separation,
     Unobservable,
+    settle,
     suppressed_harmonics,
 )
 

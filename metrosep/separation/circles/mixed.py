@@ -26,13 +26,12 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, InvalidSamplesError
-from metrosep.core.inputs import Readings
+from metrosep.core.methods import Readings
 from metrosep.core.numbers import count, not_negative
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import settle
 from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
@@ -49,7 +48,14 @@ from metrosep.separation.circles._circle import (
     unseen,
     variances,
 )
-from metrosep.separation.contract import U_READING, Parts, Separation, Unobservable, over_turn
+from metrosep.separation.contract import (
+    U_READING,
+    Parts,
+    Separation,
+    Unobservable,
+    over_turn,
+    settle,
+)
 
 
 @dataclass(frozen=True)

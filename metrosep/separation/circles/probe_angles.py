@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.core.numbers import choice, count, not_negative
 from metrosep.core.options import Option
 from metrosep.core.profile import html_table

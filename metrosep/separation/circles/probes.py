@@ -32,7 +32,6 @@ from metrosep.core.numbers import count, positive
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import settle
 from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
@@ -59,6 +58,7 @@ from metrosep.separation.contract import (
     Parts,
     Separation,
     Unobservable,
+    settle,
     suppressed_harmonics,
 )
 

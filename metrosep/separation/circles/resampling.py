@@ -24,9 +24,9 @@ from metrosep.core._arrays import FloatArray, IntArray, frozen_float
 from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.core.numbers import between, choice, count, not_negative, positive, real
-from metrosep.separation._methods import StoredResult
 from metrosep.separation._readings import real_numbers
 from metrosep.separation.circles._circle import check_sign
+from metrosep.separation.contract import StoredResult
 
 Method = Literal["band-limited", "cubic"]
 Speed = Literal["constant", "linear", "spline"]

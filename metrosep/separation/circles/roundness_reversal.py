@@ -13,12 +13,11 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, TooFewSamplesError
-from metrosep.core.inputs import Readings
+from metrosep.core.methods import Readings
 from metrosep.core.numbers import between, count, positive, real
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.separation._methods import RecordedMethod, settle
 from metrosep.separation._readings import (
     checked_readings,
     curves,
@@ -38,9 +37,11 @@ from metrosep.separation.contract import (
     History,
     NamedMethod,
     Parts,
+    RecordedMethod,
     Separation,
     Unobservable,
     over_turn,
+    settle,
     suppressed_harmonics,
 )
 from metrosep.separation.lines.reversals import ReversedPair, combined

@@ -25,17 +25,26 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.core.numbers import choice, count, positive
 from metrosep.core.options import Option
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_engineering
-from metrosep.separation._methods import RecordedMethod, StoredResult, as_stated, type_a
 from metrosep.separation._readings import as_numbers, known_parts, part_of, real_numbers
 from metrosep.separation.circles.spindle_result import SpindleMotion
-from metrosep.separation.contract import History, NamedMethod, Parts, Separation, Unobservable
+from metrosep.separation.contract import (
+    History,
+    NamedMethod,
+    Parts,
+    RecordedMethod,
+    Separation,
+    StoredResult,
+    Unobservable,
+    as_stated,
+    type_a,
+)
 
 _FASTEST = 2e3
 """rev/s beyond which a speed is refused: 120 000 rev/min. Air turbines above are rare, speeds typed

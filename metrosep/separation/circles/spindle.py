@@ -19,9 +19,9 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core import inputs
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
+from metrosep.core.methods import Readings
 from metrosep.core.numbers import choice, count, positive, real
 from metrosep.core.options import Option
 from metrosep.core.provenance import Step
@@ -29,7 +29,6 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
 from metrosep.core.units import format_engineering
 from metrosep.parameters.table import Context, ParameterTable
-from metrosep.separation._methods import RecordedMethod, as_stated, settle, type_a
 from metrosep.separation._readings import (
     as_numbers,
     checked_readings,
@@ -65,9 +64,13 @@ from metrosep.separation.contract import (
     History,
     NamedMethod,
     Parts,
+    RecordedMethod,
     Separation,
     Unobservable,
+    as_stated,
     over_turn,
+    settle,
+    type_a,
 )
 
 Direction = Literal["radial", "axial", "tilt", "face"]
@@ -262,7 +265,7 @@ class SpindleTest(NamedMethod):
     }
 
     @classmethod
-    def from_inputs(cls, data: inputs.Readings, options: Mapping[str, Any]) -> SpindleMotion:
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> SpindleMotion:
         """Return the error motion of signals by revolution, over an angle, or with an index."""
         rest = dict(options)
         resampling: dict[str, Any] = {
@@ -292,7 +295,7 @@ class SpindleTest(NamedMethod):
 
 
 def _by_index(
-    data: inputs.Readings, index: FloatArray, options: dict[str, Any], resampling: dict[str, Any]
+    data: Readings, index: FloatArray, options: dict[str, Any], resampling: dict[str, Any]
 ) -> AngleSynchronous:
     """Return signals at equal angles between the pulses of an index channel."""
     if data.position is not None or data.values.shape[1] > 1:
@@ -310,7 +313,7 @@ def _by_index(
     )
 
 
-def _rate(data: inputs.Readings, given: float | None) -> float | None:
+def _rate(data: Readings, given: float | None) -> float | None:
     """Return the sampling rate: as given, or from a column of time, which must be uniform."""
     time = data.extra.get("time")
     if time is None or given is not None:

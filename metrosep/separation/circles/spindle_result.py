@@ -24,9 +24,9 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
 from metrosep.parameters.circle import CirclePoints, best_circle
 from metrosep.parameters.table import ParameterTable
-from metrosep.separation._methods import StoredResult
 from metrosep.separation._readings import plain, real_numbers
 from metrosep.separation.circles.resampling import AngleSynchronous, resample_by_encoder
+from metrosep.separation.contract import StoredResult
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -28,7 +28,6 @@ from metrosep.core.numbers import choice, count, is_real, positive, real
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import settle
 from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
@@ -53,6 +52,7 @@ from metrosep.separation.contract import (
     Parts,
     Separation,
     Unobservable,
+    settle,
     suppressed_harmonics,
 )
 

@@ -15,11 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
-from metrosep.core.inputs import Readings
+from metrosep.core.methods import Readings
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import RecordedMethod, StoredResult, pooled
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     as_numbers,
@@ -27,7 +26,15 @@ from metrosep.separation._readings import (
     checked_sd,
     known_parts,
 )
-from metrosep.separation.contract import History, Parts, Separation, Unobservable
+from metrosep.separation.contract import (
+    History,
+    Parts,
+    RecordedMethod,
+    Separation,
+    StoredResult,
+    Unobservable,
+    pooled,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

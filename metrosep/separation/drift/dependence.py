@@ -21,8 +21,7 @@ from metrosep.core.errors import (
 from metrosep.core.numbers import real
 from metrosep.core.options import Option
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import StoredResult
-from metrosep.separation.contract import NamedMethod
+from metrosep.separation.contract import NamedMethod, StoredResult
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

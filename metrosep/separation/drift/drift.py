@@ -21,13 +21,12 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     TooFewSamplesError,
 )
-from metrosep.core.inputs import Readings, RoleColumns
+from metrosep.core.methods import Readings, RoleColumns
 from metrosep.core.numbers import real
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
-from metrosep.separation._methods import RecordedMethod, StoredResult, as_stated, not_known, type_a
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     as_numbers,
@@ -35,7 +34,18 @@ from metrosep.separation._readings import (
     known_parts,
     part_of,
 )
-from metrosep.separation.contract import History, NamedMethod, Parts, Separation, Unobservable
+from metrosep.separation.contract import (
+    History,
+    NamedMethod,
+    Parts,
+    RecordedMethod,
+    Separation,
+    StoredResult,
+    Unobservable,
+    as_stated,
+    not_known,
+    type_a,
+)
 from metrosep.separation.drift.alternation import in_time
 from metrosep.separation.runs.joint_method import JointDrift, joint_drift
 

@@ -17,13 +17,12 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, NotSeparableError, UnitError
-from metrosep.core.inputs import Readings
+from metrosep.core.methods import Readings
 from metrosep.core.numbers import not_negative
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._methods import as_stated, not_known, type_a
 from metrosep.separation._readings import NOISE_UNKNOWN, checked_readings, known_parts
 from metrosep.separation.contract import (
     U_READING,
@@ -32,6 +31,9 @@ from metrosep.separation.contract import (
     SeparationMethod,
     Unobservable,
     as_rows,
+    as_stated,
+    not_known,
+    type_a,
 )
 from metrosep.separation.covariance import CovarianceModes
 from metrosep.separation.lines._line_found import Found, solve

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError
-from metrosep.core.inputs import Readings
+from metrosep.core.methods import Readings
 from metrosep.core.numbers import choice, count, not_negative
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
@@ -24,7 +24,6 @@ from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.deviation import form_deviation
 from metrosep.parameters.form_result import FormDeviation
-from metrosep.separation._methods import RecordedMethod, StoredResult
 from metrosep.separation._readings import (
     as_numbers,
     average_repeats,
@@ -39,7 +38,9 @@ from metrosep.separation.contract import (
     History,
     NamedMethod,
     Parts,
+    RecordedMethod,
     Separation,
+    StoredResult,
     Unobservable,
     over_line,
 )

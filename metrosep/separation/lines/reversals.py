@@ -25,7 +25,6 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_ends
-from metrosep.separation._methods import RecordedMethod
 from metrosep.separation._readings import (
     Averaged,
     average_repeats,
@@ -44,6 +43,7 @@ from metrosep.separation.contract import (
     History,
     NamedMethod,
     Parts,
+    RecordedMethod,
     Separation,
     Unobservable,
 )

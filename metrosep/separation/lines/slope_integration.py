@@ -23,15 +23,25 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.core.inputs import Readings
+from metrosep.core.methods import Readings
 from metrosep.core.numbers import flag, not_negative, positive
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._methods import RecordedMethod, as_stated, not_known, settle, type_a
 from metrosep.separation._readings import as_numbers, known_parts, line_basis
-from metrosep.separation.contract import History, Parts, Separation, Unobservable, over_line
+from metrosep.separation.contract import (
+    History,
+    Parts,
+    RecordedMethod,
+    Separation,
+    Unobservable,
+    as_stated,
+    not_known,
+    over_line,
+    settle,
+    type_a,
+)
 from metrosep.separation.lines._line_problem import longest_run, method_named
 
 RULES = ("trapezoid", "simpson", "spline", "fourier", "feet")

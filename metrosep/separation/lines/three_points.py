@@ -19,8 +19,7 @@ from metrosep.core.errors import DataError
 from metrosep.core.numbers import flag, not_negative, positive, real
 from metrosep.core.options import option
 from metrosep.core.profile import Profile
-from metrosep.separation._methods import settle
-from metrosep.separation.contract import Separation
+from metrosep.separation.contract import Separation, settle
 from metrosep.separation.lines._line_problem import (
     METHODS,
     Row,

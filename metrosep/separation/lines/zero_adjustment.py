@@ -16,20 +16,23 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.core.inputs import Readings
+from metrosep.core.methods import Readings
 from metrosep.core.numbers import flag, not_negative
 from metrosep.core.options import Option
 from metrosep.core.provenance import Step, freeze_mapping
-from metrosep.separation._methods import RecordedMethod, as_stated, settle, type_a
 from metrosep.separation._readings import checked_readings, known_parts
 from metrosep.separation.contract import (
     U_READING,
     History,
     NamedMethod,
     Parts,
+    RecordedMethod,
     Separation,
     Unobservable,
     as_rows,
+    as_stated,
+    settle,
+    type_a,
 )
 from metrosep.separation.lines._line_problem import ZeroCalibration, distances
 

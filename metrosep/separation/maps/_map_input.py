@@ -17,8 +17,7 @@ from metrosep.core.options import option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import as_stated, not_known, type_a
-from metrosep.separation.contract import Unobservable
+from metrosep.separation.contract import Unobservable, as_stated, not_known, type_a
 
 PIXELS = "no lateral step is known: positions x and y are in pixels, square ones"
 

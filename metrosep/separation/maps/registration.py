@@ -19,12 +19,11 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.core.numbers import not_negative, real
 from metrosep.core.options import Option
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import StoredResult
-from metrosep.separation.contract import U_READING, NamedMethod
+from metrosep.separation.contract import U_READING, NamedMethod, StoredResult
 from metrosep.separation.maps._map_input import (
     MapGrid,
     checked_u,

@@ -18,7 +18,6 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import as_stated
 from metrosep.separation._readings import as_numbers, known_parts, part_of
 from metrosep.separation.contract import (
     U_READING,
@@ -26,6 +25,7 @@ from metrosep.separation.contract import (
     Separation,
     SeparationMethod,
     Unobservable,
+    as_stated,
 )
 from metrosep.separation.maps._map_input import checked_u
 from metrosep.separation.maps._stitch_grid import (

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, NotUniformError
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.core.numbers import choice
 from metrosep.core.quantity import Quantity
 

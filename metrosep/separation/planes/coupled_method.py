@@ -21,14 +21,21 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.core.numbers import not_negative
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import RecordedMethod, settle
 from metrosep.separation._readings import known_parts, real_numbers
-from metrosep.separation.contract import U_READING, History, Parts, Separation, Unobservable
+from metrosep.separation.contract import (
+    U_READING,
+    History,
+    Parts,
+    RecordedMethod,
+    Separation,
+    Unobservable,
+    settle,
+)
 from metrosep.separation.planes._grid_solution import (
     PLACE,
     TERMS,

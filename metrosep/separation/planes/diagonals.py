@@ -16,18 +16,26 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.core.options import Option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import RecordedMethod, StoredResult, pooled
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     checked_readings,
     known_parts,
     part_of,
 )
-from metrosep.separation.contract import History, NamedMethod, Parts, Separation, Unobservable
+from metrosep.separation.contract import (
+    History,
+    NamedMethod,
+    Parts,
+    RecordedMethod,
+    Separation,
+    StoredResult,
+    Unobservable,
+    pooled,
+)
 from metrosep.separation.planes.squareness import (
     PAIRS,
     Squareness,

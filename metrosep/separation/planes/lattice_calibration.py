@@ -22,13 +22,20 @@ from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
-from metrosep.separation._methods import RecordedMethod, settle
 from metrosep.separation._readings import known_parts, part_of, real_numbers
-from metrosep.separation.contract import U_READING, History, Parts, Separation, Unobservable
+from metrosep.separation.contract import (
+    U_READING,
+    History,
+    Parts,
+    RecordedMethod,
+    Separation,
+    Unobservable,
+    settle,
+)
 from metrosep.separation.planes._grid_solution import (
     PLACE,
     Repeats,

@@ -23,7 +23,7 @@ from metrosep.core.errors import (
     NotSeparableError,
     TooFewSamplesError,
 )
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.core.numbers import positive, real
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile, html_table
@@ -31,7 +31,6 @@ from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering
-from metrosep.separation._methods import RecordedMethod, StoredResult, settle
 from metrosep.separation._readings import (
     known_parts,
     part_of,
@@ -42,8 +41,11 @@ from metrosep.separation.contract import (
     History,
     NamedMethod,
     Parts,
+    RecordedMethod,
     Separation,
+    StoredResult,
     Unobservable,
+    settle,
 )
 from metrosep.separation.planes._grid_solution import PLACE, TableGrid, moved_between, repeats_of
 

@@ -17,16 +17,15 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
-from metrosep.core.inputs import Results
+from metrosep.core.methods import Results
 from metrosep.core.numbers import real
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import StoredResult
 from metrosep.separation._readings import real_numbers
-from metrosep.separation.contract import NamedMethod
+from metrosep.separation.contract import NamedMethod, StoredResult
 from metrosep.separation.planes.plane_fit import described, plane_origin, plane_steps
 from metrosep.separation.runs.base import ErrorEstimate
 

@@ -25,8 +25,8 @@ from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableErr
 from metrosep.core.numbers import not_negative, positive, real
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._methods import StoredResult
 from metrosep.separation._readings import real_numbers
+from metrosep.separation.contract import StoredResult
 from metrosep.separation.runs.base import ErrorEstimate
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, OptionError
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.core.numbers import choice, real
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.provenance import freeze_mapping

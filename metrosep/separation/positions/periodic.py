@@ -19,15 +19,14 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.core.numbers import real
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import parse_unit
-from metrosep.separation._methods import RecordedMethod
 from metrosep.separation._readings import as_numbers, given_parts
-from metrosep.separation.contract import History, Parts, Separation, Unobservable
+from metrosep.separation.contract import History, Parts, RecordedMethod, Separation, Unobservable
 
 _WORST_CONDITION = 1e4
 """Of the scaled design: beyond it a harmonic cannot be distinguished from the trend or from another."""

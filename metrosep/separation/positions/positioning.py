@@ -18,21 +18,28 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.core.numbers import real
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.readable import typed_number
 from metrosep.core.runset import FORWARD, REVERSE
-from metrosep.separation._methods import RecordedMethod, pooled
 from metrosep.separation._readings import (
     checked_readings,
     checked_seed,
     known_parts,
     part_of,
 )
-from metrosep.separation.contract import History, NamedMethod, Parts, Separation, Unobservable
+from metrosep.separation.contract import (
+    History,
+    NamedMethod,
+    Parts,
+    RecordedMethod,
+    Separation,
+    Unobservable,
+    pooled,
+)
 from metrosep.separation.positions.positioning_result import PositioningTest, build_result
 
 _LONGEST = 1000.0

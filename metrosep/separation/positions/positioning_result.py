@@ -20,8 +20,8 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_engineering
 from metrosep.parameters.table import Context, ParameterTable
-from metrosep.separation._methods import StoredResult
 from metrosep.separation._readings import plain
+from metrosep.separation.contract import StoredResult
 from metrosep.separation.positions.pitch import cycle_runs
 from metrosep.separation.positions.repeatability import (
     SpreadEstimate,

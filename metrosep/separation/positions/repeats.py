@@ -18,20 +18,22 @@ from metrosep.core.errors import (
     NotConvergedError,
     TooFewSamplesError,
 )
-from metrosep.core.inputs import Readings
+from metrosep.core.methods import Readings
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import RecordedMethod, as_stated, type_a
 from metrosep.separation._readings import as_numbers, not_tied, own_shares
 from metrosep.separation.contract import (
     U_READING,
     History,
     NamedMethod,
     Parts,
+    RecordedMethod,
     Separation,
     Unobservable,
+    as_stated,
+    type_a,
 )
 
 Align = Literal["none", "piston", "line"]

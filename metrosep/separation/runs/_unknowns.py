@@ -20,19 +20,6 @@ if TYPE_CHECKING:
     from metrosep.separation.runs.posterior import Model
     from metrosep.separation.runs.system import System
 
-__all__ = [
-    "Frequency",
-    "Gain",
-    "PositionOffsets",
-    "Shift",
-    "Unknown",
-    "check_reference",
-    "explain_positions",
-    "fitted_positions",
-    "position_columns",
-    "shifts",
-]
-
 
 @dataclass(slots=True)
 class Unknown:

@@ -31,15 +31,6 @@ if TYPE_CHECKING:
 
     from metrosep.separation.contract import Separation
 
-__all__ = [
-    "LINE_POINTS",
-    "DirectionEstimate",
-    "ErrorEstimate",
-    "FeedTerm",
-    "FourierCurve",
-    "SampledCurve",
-]
-
 Columns = Mapping[str, list[Any]]
 
 _NAMES = {1: "forward", -1: "reverse"}

@@ -22,8 +22,6 @@ from metrosep.core.runset import Run
 from metrosep.core.units import format_length
 from metrosep.separation.runs.noise import MAD
 
-__all__ = ["Clock", "clock_messages", "fit_clock"]
-
 _JITTER, _AWAY, _ROW = 0.3, 0.75, 5
 """Largest sd of the stamps about the fitted clock, in steps; so far off no so many in a row may be."""
 

@@ -32,20 +32,6 @@ from metrosep.separation.runs.clock import fit_clock
 if TYPE_CHECKING:
     from metrosep.separation.runs.base import ErrorEstimate
 
-__all__ = [
-    "PreparedRun",
-    "evaluation_range",
-    "line_over",
-    "lines_of_runs",
-    "mean_runs",
-    "on_common_grid",
-    "prepare_runs",
-    "probe_names",
-    "thin_parts",
-    "travel_of",
-]
-
-
 _MAX_POINTS = 100_000
 """Positions of the grid on which runs are compared one by one."""
 

@@ -19,8 +19,6 @@ from metrosep.core.runset import SAME_FEED
 from metrosep.core.units import format_length
 from metrosep.separation.runs.sensor import LAG_PRIOR
 
-__all__ = ["DISPLACED", "SURE", "Displaced", "find_displaced", "needed", "scatter_of"]
-
 DISPLACED = "is displaced by"
 """How a finding of a displaced run begins."""
 

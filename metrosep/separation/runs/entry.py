@@ -42,8 +42,6 @@ from metrosep.separation.runs.leave_out import scatter_of_places
 from metrosep.separation.runs.mean import level_in_the_middle, separate_mean
 from metrosep.separation.runs.options import RUN_OPTIONS, in_si, metres
 
-__all__ = ["separate"]
-
 _METHODS = ("joint", "kono", "mean")
 _OWN = ("method", "start", "length", "shortest", "lag", "exclude", "accept")
 """Options that `separate` takes by itself."""

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import ComplexArray, FloatArray, benjamini_hochberg
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
-from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import RoleColumns
 from metrosep.core.numbers import quantity
 from metrosep.core.options import Option
 from metrosep.core.runset import Run, RunSet
@@ -42,18 +42,6 @@ from metrosep.spectral.autoregressive import AutoregressiveModel
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = [
-    "EvidenceTable",
-    "evidence_columns",
-    "evidence_table",
-    "explain_band",
-    "explain_disturbances",
-    "explain_lag",
-    "explain_resolution",
-    "noise_peaks",
-    "said_lag",
-]
 
 _NM, _MM = 1e-9, 1e-3
 _MAX_ROWS = 250

@@ -37,8 +37,6 @@ from metrosep.separation.runs.run_comparison import (
     compare_runs,
 )
 
-__all__ = ["Named", "RunChecks", "check_runs"]
-
 Named = str | Sequence[str]
 
 _STREAK = 20

@@ -49,8 +49,6 @@ from metrosep.separation.runs.spectra import (
 )
 from metrosep.spectral.dft import fourier_basis
 
-__all__ = ["separate_kono"]
-
 _MM, _NM = 1e-3, 1e-9
 
 

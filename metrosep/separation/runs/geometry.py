@@ -18,17 +18,6 @@ import numpy as np
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 
-__all__ = [
-    "HELD_SHARE",
-    "PERIOD_SHARE",
-    "Extension",
-    "Sensor",
-    "Spectrum",
-    "extension",
-    "filtered",
-    "seen_through",
-]
-
 PERIOD_SHARE = 1.4
 """Period of the basis over the travel; greater than 1, so that the error need not close."""
 

@@ -78,8 +78,6 @@ from metrosep.separation.runs.term_curves import check_lines, feed_curves, repor
 from metrosep.spectral.density import pooled_periodogram
 from metrosep.spectral.dft import fourier_basis
 
-__all__ = ["DRIFT_SAID", "GAIN_SAID", "benjamini_hochberg", "separate_joint"]
-
 _SAMPLES_PER_WAVE = 2.5
 """Shortest wavelength that is considered, in pitches of the coarsest run."""
 

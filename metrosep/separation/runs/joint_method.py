@@ -42,8 +42,6 @@ from metrosep.separation.runs.base import ErrorEstimate
 from metrosep.separation.runs.entry import separate
 from metrosep.separation.runs.options import metres
 
-__all__ = ["JointDrift", "JointSeparation", "joint_drift"]
-
 _WAYS = {"forward": 1, "reverse": -1}
 
 _LINE = "the offset of each run is free, and the line is the alignment: slope holds it"

@@ -19,15 +19,6 @@ from metrosep.separation.runs.geometry import filtered
 from metrosep.separation.runs.posterior import PLACED, Model, Posterior, RunEquations
 from metrosep.separation.runs.sensor import LAG_CHI2, lag_score, lag_steps
 
-__all__ = [
-    "Displacement",
-    "RunScore",
-    "displacement",
-    "run_scores",
-    "scatter_of_places",
-    "suspicion",
-]
-
 _FAR = 3e-3
 """m; shifts are looked for so far on each side."""
 

@@ -22,8 +22,6 @@ from metrosep.core.errors import TooFewSamplesError
 from metrosep.separation.runs.design import PreparedRun
 from metrosep.spectral.autoregressive import fit_autoregressive, whiten
 
-__all__ = ["FoundLine", "Terms", "find_line", "nearest_power"]
-
 _OVERSAMPLING = 4
 _CANDIDATES = 4
 """Peaks of the periodogram that are tested in one search."""

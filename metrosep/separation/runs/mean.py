@@ -34,8 +34,6 @@ from metrosep.separation.runs.design import (
 from metrosep.separation.runs.run_comparison import RunTable, spikes
 from metrosep.separation.runs.spectra import feed_spectra_columns
 
-__all__ = ["separate_mean"]
-
 
 def separate_mean(
     runs: RunSet,

@@ -18,18 +18,6 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 
-__all__ = [
-    "LEAST",
-    "MAD",
-    "MOST",
-    "WITNESS",
-    "NoiseModel",
-    "burg",
-    "exact_rows",
-    "fit_noise",
-    "level_spread",
-]
-
 MAD = 1.482602218505602
 """Standard deviation of a Gaussian over its median absolute deviation."""
 

@@ -14,8 +14,6 @@ from metrosep.core.numbers import flag, quantity, real
 from metrosep.core.options import KINDS, Option, checked, option, options_of
 from metrosep.core.units import format_length
 
-__all__ = ["RUN_OPTIONS", "Following", "JointOptions", "in_si", "metres"]
-
 Following = Literal["off", "offset", "scale", "waves"]
 
 _MAX_WAVES = 8

@@ -42,8 +42,6 @@ from metrosep.separation.runs.solver import TimeDensity, time_density
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["FeedPlan", "plan_feedrates", "predicted_sd"]
-
 _WAVES_IN_TRAVEL = 2.0
 """Travel of a run over the longest wavelength where the user gives no length: with fewer than two
 waves the offset of the run and the wave are hard to tell apart."""

@@ -23,17 +23,6 @@ from metrosep.core.blas import one_blas_thread
 if TYPE_CHECKING:
     from metrosep.separation.runs.solver import TimeDensity
 
-__all__ = [
-    "Comparison",
-    "Limits",
-    "best_feeds",
-    "compared",
-    "finite_variance",
-    "geometric_feeds",
-    "information_bound",
-    "run_information",
-]
-
 Information = Callable[[FloatArray], FloatArray]
 
 _CANDIDATES = 181

@@ -25,18 +25,6 @@ from metrosep.separation.runs.geometry import (
 )
 from metrosep.separation.runs.noise import level_spread
 
-__all__ = [
-    "DONE",
-    "PLACED",
-    "Answer",
-    "Model",
-    "Posterior",
-    "RunEquations",
-    "Slip",
-    "Wave",
-    "averaged",
-]
-
 DONE = 0.03
 """A learning ends when no knot of ln s^2, or logarithm of a variance, moves by more."""
 

@@ -33,17 +33,6 @@ from metrosep.separation.runs.displaced import (
 from metrosep.separation.runs.noise import MAD
 from metrosep.spectral.autoregressive import AutoregressiveModel, fit_autoregressive
 
-__all__ = [
-    "SPIKE",
-    "Findings",
-    "RunTable",
-    "check_spikes",
-    "check_steps",
-    "compare_runs",
-    "spikes",
-]
-
-
 _GAIN, _GAIN_REFUSED = 0.1, 3.0
 """Excess of a gain that is named; factor from which the run is refused."""
 

@@ -18,18 +18,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.separation.runs.geometry import Sensor, filtered
 from metrosep.separation.runs.posterior import PLACED, Answer, Model
 
-__all__ = [
-    "LAG_CHI2",
-    "LAG_PRIOR",
-    "LagScore",
-    "Split",
-    "better_split",
-    "lag_score",
-    "lag_steps",
-    "scan_lag",
-    "splits",
-]
-
 LAG_CHI2 = 12.0
 """Square of a lag over its uncertainty from which it is named: 5 in 10,000 by chance."""
 

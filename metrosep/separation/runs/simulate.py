@@ -20,8 +20,6 @@ from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 
-__all__ = ["KONO_WAVES", "SimulatedAxis", "machine_axis"]
-
 Disturbance = Literal["none", "sine", "locked", "modal", "floor"]
 
 KONO_WAVES: Mapping[float, float] = {

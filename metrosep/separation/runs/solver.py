@@ -68,8 +68,6 @@ from metrosep.separation.runs.weights import RowWeights
 from metrosep.spectral.autoregressive import AutoregressiveModel
 from metrosep.spectral.spectra import Psd
 
-__all__ = ["CONSTANTS", "Solution", "TimeDensity", "solve_joint", "time_density"]
-
 CONSTANTS: dict[str, float] = {
     "basis_period_over_travel": PERIOD_SHARE,
     "prior_slope": SLOPE,

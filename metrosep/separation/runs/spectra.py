@@ -24,17 +24,6 @@ from metrosep.separation.runs.design import lines_of_runs, on_common_grid, trave
 from metrosep.spectral.dft import fourier_basis, fourier_coefficients
 from metrosep.spectral.window import kono_weights, tukey_weights
 
-__all__ = [
-    "Averaging",
-    "FeedSpectra",
-    "Norm",
-    "Taper",
-    "feed_spectra",
-    "feed_spectra_columns",
-    "least_squares_coefficients",
-    "n_wavelengths",
-]
-
 Norm = Literal["amplitude", "power", "psd"]
 Taper = Literal["kono", "tukey"]
 Averaging = Literal["coherent", "power"]

@@ -26,8 +26,6 @@ from metrosep.separation.runs.posterior import Model, Posterior, RunEquations
 from metrosep.separation.runs.weights import RowWeights
 from metrosep.spectral.autoregressive import whiten
 
-__all__ = ["System"]
-
 _MAX_HELD = 12_000_000
 """Numbers of the basis that are kept between two passes: 100 MB."""
 

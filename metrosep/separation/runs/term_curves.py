@@ -18,8 +18,6 @@ from metrosep.separation.runs.options import JointOptions
 from metrosep.separation.runs.solver import Solution
 from metrosep.spectral.dft import fourier_basis
 
-__all__ = ["check_lines", "feed_curves", "report_terms"]
-
 _POINTS_PER_WAVE = 32
 """Of the sampled curve of the feed-dependent part: straight lines between them miss 0.5 %."""
 

@@ -22,21 +22,6 @@ from metrosep.separation.runs.geometry import HELD_SHARE, filtered
 from metrosep.separation.runs.posterior import DONE, Answer, Model, Slip, Wave
 from metrosep.separation.runs.system import System
 
-__all__ = [
-    "FoundWave",
-    "SlippingWave",
-    "find_slip",
-    "found_waves",
-    "learn_slip",
-    "p_values",
-    "place_slip",
-    "remove_weak",
-    "search",
-    "seed_slip",
-    "slipping_waves",
-    "taken_for_noise",
-]
-
 FALSE_ALARM = 0.01
 """Chance that one search finds a wave where there is none."""
 

@@ -18,8 +18,6 @@ import numpy as np
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.separation.runs.noise import MAD, NoiseModel, exact_rows, stretches
 
-__all__ = ["RowWeights"]
-
 _MARK = 4.5
 """A sample is marked where its own error exceeds so many standard deviations: 7 in a million."""
 
