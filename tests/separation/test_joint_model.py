@@ -30,6 +30,7 @@ from metrosep.separation.runs.leave_out import RunScore, displacement, run_score
 from metrosep.separation.runs.lines import Terms
 from metrosep.separation.runs.noise import (
     NoiseModel,
+    Unknowns,
     burg,
     exact_rows,
     fit_noise,
@@ -98,6 +99,31 @@ def model(noise):
 def slip_of_4():
     """The fourth harmonic, as a wave that slips."""
     return Slip(4.0 / 33.6, np.eye(1 + 2 * K)[:, [4, 4 + K]], 400.0)
+
+
+def test_unknown_samples_are_those_of_a_gaussian_process_given_the_known():
+    """Noise of first order with variance 1/(1 - c^2) and covariance c^|k| of it, by its own matrix."""
+    c, n, rng = 0.8, 40, np.random.default_rng(5)
+    noise = NoiseModel((np.ones(1), np.array([1.0, -c])), np.array([1.0 / (1.0 - c * c), 1.0]), DT)
+    covariance = c ** np.abs(np.subtract.outer(np.arange(n), np.arange(n))) / (1.0 - c * c)
+    z = np.linalg.cholesky(covariance) @ rng.standard_normal(n)
+    unknown = np.zeros(n, dtype=bool)
+    unknown[[3, 4, 5, 11, 13, 30]] = True
+    parts, zeroed = [slice(0, n)], np.where(unknown, 0.0, z)[:, None]
+
+    made = Unknowns(unknown, noise, parts)
+    rows = exact_rows([zeroed], noise, parts)
+    expected, drawn = made.expected(rows)[:, 0], made.drawn(rng, 40_000)
+    made.take_out(rows)
+
+    known = ~unknown
+    gain = covariance[np.ix_(unknown, known)] @ np.linalg.inv(covariance[np.ix_(known, known)])
+    np.testing.assert_allclose(expected, gain @ z[known], rtol=0.0, atol=1e-12)
+    likelihood = z[known] @ np.linalg.solve(covariance[np.ix_(known, known)], z[known])
+    assert float(rows[:, 0] @ rows[:, 0]) == pytest.approx(likelihood, abs=1e-10)
+    spread = covariance[np.ix_(unknown, unknown)] - gain @ covariance[np.ix_(known, unknown)]
+    # 40,000 draws know a covariance to about sqrt(2/40000) = 0.007 of a variance of 1 to 2; 5 sd
+    np.testing.assert_allclose(np.cov(drawn), spread, rtol=0.0, atol=0.07)
 
 
 def test_whitening_is_exact_from_the_first_sample(noise):

@@ -102,7 +102,8 @@ def _prepare(run: Run, block: int, probe: str) -> PreparedRun:
     z[clock.index] = run.z
     places = np.interp(taken, clock.index, run.x)
     times = clock.start + clock.step * taken
-    x, z, t = (row[:n].reshape(-1, block).mean(axis=1) for row in (places, z, times))
+    x, z = block_means(places[:n].reshape(-1, block), z[:n].reshape(-1, block))
+    t = times[:n].reshape(-1, block).mean(axis=1)
     pitch = abs(float(places[n - 1] - places[0])) / max(n - 1, 1)
     return PreparedRun(
         x=x,
@@ -115,6 +116,22 @@ def _prepare(run: Run, block: int, probe: str) -> PreparedRun:
         t=t,
         probe=probe,
     )
+
+
+def block_means(x: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the means of the measured samples of each block, NaN where few were measured.
+
+    Few is less than half of what a block of this run usually has: a mean of few samples has more
+    noise than the rest, which share one noise model.
+    """
+    valid = ~np.isnan(z)
+    count = valid.sum(axis=1)
+    some = count > 0
+    known = some & (2 * count >= np.median(count[some])) if some.any() else some
+    mean_x, mean_z = x.mean(axis=1), np.full(len(z), np.nan)
+    mean_x[known] = np.where(valid, x, 0.0).sum(axis=1)[known] / count[known]
+    mean_z[known] = np.where(valid, z, 0.0).sum(axis=1)[known] / count[known]
+    return mean_x, mean_z
 
 
 def evaluation_range(
@@ -168,9 +185,16 @@ def evaluation_range(
     return max(first, low), min(last, high)
 
 
+def measured_pitch(run: Run | PreparedRun) -> float:
+    """Return the distance in m between readings of a run, as it usually is between measured ones."""
+    apart = np.diff(np.flatnonzero(~np.isnan(run.z)))
+    usual = round(float(np.median(apart))) if apart.size else 1
+    return abs(float(run.x[-1] - run.x[0])) / max(run.x.size - 1, 1) * max(usual, 1)
+
+
 def on_common_grid(runs: RunSet, low: float, high: float) -> tuple[FloatArray, FloatArray, float]:
     """Return a grid in the pitch of the coarsest run, the runs on it, NaN in gaps, and that pitch."""
-    pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in runs)
+    pitch = max(measured_pitch(r) for r in runs)
     n_grid = int(np.clip(math.ceil((high - low) / pitch), 3, _MAX_POINTS)) + 1
     grid = np.linspace(low, high, n_grid)
     return grid, np.array([_on_grid(r.x, r.z, grid, pitch) for r in runs]), pitch
@@ -238,7 +262,7 @@ def mean_runs(runs: RunSet, estimate: ErrorEstimate) -> tuple[MeanRun, ...]:
 
 def _levelled(run: Run, x: FloatArray, error: FloatArray, over: tuple[float, float]) -> FloatArray:
     """Return a run at positions less its line over a range; all NaN where it has none."""
-    values = _on_grid(run.x, run.z, x, abs(float(run.x[-1] - run.x[0])) / (len(run) - 1))
+    values = _on_grid(run.x, run.z, x, measured_pitch(run))
     rest = values - error
     line = line_over(x, rest, over) or line_over(x, rest, (-math.inf, math.inf))
     return np.asarray(values - np.polyval(line or (math.nan, math.nan), x))
@@ -289,7 +313,7 @@ def in_parts(runs: RunSet, first: float, last: float) -> bool:
 
 def require_tied(runs: RunSet) -> None:
     """Refuse runs of parts that no chain of runs ties by three places: offset and slope are two."""
-    pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in runs)
+    pitch = max(measured_pitch(r) for r in runs)
     low, high = runs.full_travel
     grid = np.linspace(low, high, int(min((high - low) / pitch, _MAX_POINTS)) + 1)
     spans = [(known.min(), known.max()) for r in runs for known in [r.x[~np.isnan(r.z)]]]

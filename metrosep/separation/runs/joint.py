@@ -54,6 +54,7 @@ from metrosep.separation.runs.design import (
     PreparedRun,
     evaluation_range,
     in_parts,
+    measured_pitch,
     prepare_runs,
     probe_names,
     require_tied,
@@ -233,7 +234,7 @@ def separate_joint(
         *_thin(runs, first, last),
         *options.unheld_waves(
             (period / n_harmonics / HELD_SHARE, high - low),
-            [_pitch(r) for r in prepared],
+            [measured_pitch(r) for r in prepared],
             sampled=limit in ("sampling", "data"),
         ),
         *sentences,
@@ -353,14 +354,10 @@ def _checked_lag(lag: Any) -> float:
     return value
 
 
-def _pitch(run: PreparedRun) -> float:
-    return float(np.ptp(run.x)) / max(run.x.size - 1, 1)
-
-
 def _n_harmonics(
     runs: list[PreparedRun], *, period: float, shortest: float | None
 ) -> tuple[int, str]:
-    pitch = max(_pitch(r) for r in runs)
+    pitch = max(measured_pitch(r) for r in runs)
     rows = sum(int((~np.isnan(r.z)).sum()) for r in runs)
     by_data = max(
         (rows - len(runs)) // 2, 4

@@ -15,8 +15,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import linalg, sparse
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import BoolArray, FloatArray
 
 MAD = 1.482602218505602
 """Standard deviation of a Gaussian over its median absolute deviation."""
@@ -152,9 +153,10 @@ def exact_rows(
     band = np.zeros((_BLOCK, _BLOCK + p))
     for row in range(_BLOCK):
         band[row, row : row + p + 1] = full
+    by_lag = _predictors(model)
     lower = np.zeros((p, p))
     for i in range(p):
-        lower[i, : i + 1] = model.filters[i][::-1] / math.sqrt(model.variances[i])
+        lower[i, : i + 1] = by_lag[i, i::-1]
     for table, left, right in zip(tables, widths[:-1], widths[1:], strict=True):
         rows, at = out[:, left:right], 0
         for part in parts:
@@ -172,3 +174,66 @@ def exact_rows(
                 )
             at += n
     return out
+
+
+def _predictors(model: NoiseModel) -> FloatArray:
+    """Return the filters of unit variance: row of the order, column of the lag."""
+    out = np.zeros((model.order + 1, model.order + 1))
+    for i, (own, variance) in enumerate(zip(model.filters, model.variances, strict=True)):
+        out[i, : i + 1] = own / math.sqrt(variance)
+    return out
+
+
+class Unknowns:
+    """Samples of a record that are not known, each an unknown of its own: its whitened column.
+
+    With E the whitening and U its columns at the unknown samples, G = U'U. What the known samples
+    say of the unknown ones is ``-G^-1 U'E z`` with covariance G^-1; rows less ``U G^-1 U'`` of them
+    are the equations of the known samples alone, whatever the noise: both exact. G has the band of
+    the filter.
+    """
+
+    def __init__(
+        self,
+        unknown: BoolArray,
+        model: NoiseModel,
+        parts: Sequence[slice],
+        *,
+        weight: FloatArray | None = None,
+    ) -> None:
+        self.at = np.flatnonzero(unknown)
+        starts, stops = (np.array([getattr(p, e) for p in parts]) for e in ("start", "stop"))
+        part = np.searchsorted(starts, self.at, side="right") - 1
+        lag = np.arange(model.order + 1)
+        place = self.at[:, None] + lag  # of the row in the record
+        seen = place < stops[part][:, None]
+        order = np.minimum(place - starts[part][:, None], model.order)
+        before = np.cumsum(stops - starts) - (stops - starts)  # rows of the parts before
+        row = place + (before - starts)[part][:, None]
+        column = np.broadcast_to(np.arange(self.at.size)[:, None], row.shape)
+        shape = int(np.sum(stops - starts)), self.at.size
+        values = _predictors(model)[order, np.broadcast_to(lag, order.shape)]
+        if weight is not None:
+            values = values * weight[np.where(seen, row, 0)]
+        self.columns = sparse.csc_array((values[seen], (row[seen], column[seen])), shape=shape)
+        gram = sparse.coo_array(self.columns.T @ self.columns)
+        i, j = gram.coords
+        width = int((j - i).max(initial=0))
+        upper = j >= i
+        band = np.zeros((width + 1, self.at.size))
+        band[(width + i - j)[upper], j[upper]] = gram.data[upper]
+        self._root = linalg.cholesky_banded(band, check_finite=False)
+
+    def expected(self, rows: FloatArray) -> FloatArray:
+        """Return what whitened rows, zero where unknown, say of the unknown samples."""
+        solved = linalg.cho_solve_banded((self._root, False), self.columns.T @ rows)
+        return np.asarray(-solved)
+
+    def take_out(self, rows: FloatArray) -> None:
+        """Leave of whitened rows what does not depend on the unknown samples, in place."""
+        rows += self.columns @ self.expected(rows)
+
+    def drawn(self, rng: np.random.Generator, n: int) -> FloatArray:
+        """Return draws of mean 0 with the covariance of the unknown samples, shape (unknown, n)."""
+        free = rng.standard_normal((self.at.size, n))
+        return np.asarray(linalg.solve_banded((0, len(self._root) - 1), self._root, free))

@@ -23,6 +23,7 @@ from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 from metrosep.core.runset import SAME_FEED, Run, RunSet
 from metrosep.core.units import format_length
+from metrosep.separation.runs.design import block_means, measured_pitch
 from metrosep.separation.runs.displaced import (
     SURE,
     Displaced,
@@ -130,7 +131,7 @@ class RunTable:
             low, high = own.common_travel
         except InvalidSamplesError:
             return None
-        pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in own)
+        pitch = max(measured_pitch(r) for r in own)
         n = int(min((high - low) / pitch, _GRID)) + 1
         if n < _LEAST_GRID:
             return None
@@ -145,8 +146,7 @@ def _resampled(run: Run, x: FloatArray) -> FloatArray:
     """Return a run on positions, averaged over as many samples as lie between them."""
     block = max(1, int((x[1] - x[0]) / abs(float(np.mean(np.diff(run.x)))) * (1.0 + 1e-9)))
     n = len(run) // block * block
-    xs = run.x[:n].reshape(-1, block).mean(axis=1)
-    zs = run.z[:n].reshape(-1, block).mean(axis=1)
+    xs, zs = block_means(run.x[:n].reshape(-1, block), run.z[:n].reshape(-1, block))
     order = np.argsort(xs)
     xs, zs = xs[order], zs[order]
     values = np.interp(x, xs, zs)  # NaN spreads to its neighbours: a gap stays a gap

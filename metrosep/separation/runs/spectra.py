@@ -20,7 +20,12 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.numbers import positive
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
-from metrosep.separation.runs.design import lines_of_runs, on_common_grid, travel_of
+from metrosep.separation.runs.design import (
+    lines_of_runs,
+    measured_pitch,
+    on_common_grid,
+    travel_of,
+)
 from metrosep.spectral.dft import fourier_basis, fourier_coefficients
 from metrosep.spectral.window import kono_weights, tukey_weights
 
@@ -314,5 +319,5 @@ def feed_spectra_columns(runs: RunSet) -> dict[str, list[Any]]:
 
 def n_wavelengths(runs: RunSet, length: float) -> int:
     """Return how many harmonics of a length the coarsest run can show."""
-    pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in runs)
+    pitch = max(measured_pitch(r) for r in runs)
     return int(np.clip(length / (_SPACE_SHARE * pitch), 1, 1000))

@@ -21,7 +21,15 @@ from metrosep.separation.runs._unknowns import Unknown
 from metrosep.separation.runs.design import PreparedRun
 from metrosep.separation.runs.geometry import LINE_SD, Extension, Sensor, filtered
 from metrosep.separation.runs.lines import Terms
-from metrosep.separation.runs.noise import MAD, NoiseModel, exact_rows, fit_noise, stretches, white
+from metrosep.separation.runs.noise import (
+    MAD,
+    NoiseModel,
+    Unknowns,
+    exact_rows,
+    fit_noise,
+    stretches,
+    white,
+)
 from metrosep.separation.runs.posterior import Model, Posterior, RunEquations
 from metrosep.separation.runs.weights import RowWeights
 from metrosep.spectral.autoregressive import whiten
@@ -232,27 +240,21 @@ class System:
         readings = [np.nan_to_num(self.z[i]) for i in same]
         tables = [*columns, np.column_stack([*readings, np.ones(readings[0].size)])]
         rows = exact_rows(tables, noise, parts)
-        unit = exact_rows([self._marks(index)], noise, parts)
+        root = None
         if self.weights is not None and self.weights.weight:
             w = np.concatenate([self.weights.weight[index][part] for part in parts])
-            root = np.sqrt(w * self.weights.information(index))[:, None]
-            rows *= root
-            unit *= root
-        if unit.shape[1]:
-            q, _ = np.linalg.qr(unit)
-            rows -= q @ (q.T @ rows)
+            root = np.sqrt(w * self.weights.information(index))
+            rows *= root[:, None]
+        unknown = self._unknown(index)
+        if unknown.any():
+            Unknowns(unknown, noise, parts, weight=root).take_out(rows)
         if self.sharing[0] != 1.0:
             rows /= math.sqrt(self.sharing[0])
         return rows
 
-    def _marks(self, index: int) -> FloatArray:
-        unknown = self.gaps[index].copy()
-        if self.weights is not None:
-            unknown |= self.weights.marked[index]
-        at = np.flatnonzero(unknown)
-        columns = np.zeros((unknown.size, at.size))
-        columns[at, np.arange(at.size)] = 1.0
-        return columns
+    def _unknown(self, index: int) -> BoolArray:
+        gaps = self.gaps[index]
+        return gaps if self.weights is None else gaps | self.weights.marked[index]
 
     def _parts(self, index: int) -> list[slice]:
         return stretches(np.where(self.gaps[index], 0.0, self.z[index]))
@@ -283,7 +285,23 @@ class System:
             free = rng.standard_normal(_DRAWS)
             free = (free - free.mean()) * math.sqrt(_DRAWS / (_DRAWS - 1.0))
             rest = rest - level - free / math.sqrt(run.level_information)
-            out.append(_bridged(rest, self.gaps[i]))
+            out.append(self._filled(i, rest, rng))
+        return out
+
+    def _filled(self, index: int, draws: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Return the draws with short gaps drawn as the noise at hand has them between their neighbours.
+
+        A straight line would be smoother than the noise, and the density learnt of it too low.
+        """
+        gaps = self.gaps[index]
+        if not gaps.any():
+            return draws
+        number = next(n for n, group in enumerate(self.groups) if index in group)
+        noise, parts = self.noise[number], self._parts(index)
+        unknowns = Unknowns(gaps, noise, parts)
+        out = np.where(gaps[:, None], 0.0, draws)
+        rows = exact_rows([out], noise, parts)
+        out[unknowns.at] = unknowns.expected(rows) + unknowns.drawn(rng, draws.shape[1])
         return out
 
     def residuals(self, model: Model, post: Posterior | None = None) -> list[FloatArray]:
@@ -390,17 +408,6 @@ def _short_gaps(z: FloatArray) -> BoolArray:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], missing.astype(np.int8), [0]])))
     for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         out[a:b] = a > 0 and b < z.size and b - a <= _SHORT_GAP
-    return out if out.sum() <= z.size // 10 else np.zeros(z.size, dtype=bool)
-
-
-def _bridged(draws: FloatArray, gaps: BoolArray) -> FloatArray:
-    """Return the draws with short gaps bridged by straight lines, for a filter that needs no gap."""
-    if not gaps.any():
-        return draws
-    at, known = np.flatnonzero(gaps), np.flatnonzero(~np.isnan(draws[:, 0]))
-    out = draws.copy()
-    for column in out.T:
-        column[at] = np.interp(at, known, column[known])
     return out
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from metrosep.core._arrays import BoolArray, FloatArray
-from metrosep.separation.runs.noise import MAD, NoiseModel, exact_rows, stretches
+from metrosep.separation.runs.noise import MAD, NoiseModel, Unknowns, exact_rows, stretches
 
 _MARK = 4.5
 """A sample is marked where its own error exceeds so many standard deviations: 7 in a million."""
@@ -247,13 +247,10 @@ def _replaced(residual: FloatArray, marked: BoolArray, model: NoiseModel) -> Flo
     The innovations are exact from the first sample on: rows of the full order alone hold the first
     sample with its last coefficient only, and a mark there would be replaced by anything.
     """
-    at = np.flatnonzero(marked)
-    table = np.zeros((residual.size, 1 + at.size))
-    table[:, 0] = residual
-    table[at, 1 + np.arange(at.size)] = 1.0
-    rows = exact_rows([table], model, stretches(residual))
-    out = residual.copy()
-    out[at] -= np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0]
+    parts, out = stretches(residual), residual.copy()
+    unknowns = Unknowns(marked, model, parts)
+    out[marked] = 0.0
+    out[marked] = unknowns.expected(exact_rows([out[:, None]], model, parts))[:, 0]
     return out
 
 
