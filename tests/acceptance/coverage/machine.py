@@ -84,6 +84,7 @@ class Machine:
     spike_share: float = 0.0
     spike_nm: float = 2000.0
     gap_samples: int = 0  # NaN in every third run, one gap each
+    dropouts: float = 0.0  # share of the readings of all runs that are NaN, each by itself
     displaced_mm: float = 0.0  # each run its own, normal: the encoder starts so much off
     clock_jitter: float = 0.0  # share of a sample, even within +- it; on the stamps only
 
@@ -309,5 +310,7 @@ def simulate(machine: Machine, seed: int) -> Measured:
                 if machine.gap_samples and i % 3 == 1:
                     first = int(rng.uniform(0.1, 0.8) * reading.z_nm.size)
                     reading.z_nm[first : first + machine.gap_samples] = np.nan
+                if machine.dropouts:
+                    reading.z_nm[rng.random(reading.z_nm.size) < machine.dropouts] = np.nan
                 runs.append(reading)
     return Measured(machine, seed, runs, truths)

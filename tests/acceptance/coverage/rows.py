@@ -149,3 +149,7 @@ ROWS["slip on a wave of 8 mm"] = replace(
     ROWS["slip 8 mm"],
     machine=replace(ROWS["slip 8 mm"].machine, waves=(*BASE_WAVES, (8.0, 120.0))),
 )
+# At the end: the seed of a row of a printed table is its number.
+ROWS["dropouts 15 %"] = _base(dropouts=0.15)
+ROWS["dropouts 30 %, turbulence"] = _base(dropouts=0.3, modes=ROWS["turbulence"].machine.modes)
+ROWS["dropouts 5 %, 8 kHz"] = _base(dropouts=0.05, rate_hz=8000.0)

@@ -17,7 +17,7 @@ SHOWN = (
     "LP 50 Hz", "LP 150 Hz", "1/f2", "1/f3", "mirror 071", "mirror 010", "mirror 001", "none",
     "1 nm", "20 nm", "200 nm", "slip 3 mm", "slip 8 mm", "4 runs 2x2", "12 runs 4x3", "two leads",
     "1/f2 + lead", "unequal 12 mm", "both directions", "L 38", "L 57.3", "L 71", "500 Hz",
-    "wave 1.6 mm", "gaps", "jitter 30 %",
+    "wave 1.6 mm", "gaps", "dropouts 15 %", "jitter 30 %",
 )  # fmt: skip
 
 
