@@ -375,9 +375,13 @@ def columns_of(file: str) -> str:
     """Return the names of the columns of a table as text; empty where it is none."""
     from metrosep.core.errors import MetrosepError
     from metrosep.io.check import describe
+    from metrosep.io.runs import names_of_columns
 
     try:
-        found = describe(file)["metadata"].get("columns") or ()
+        told = describe(file)
+        found = told["metadata"].get("columns") or ()
+        if told["kind"] == "recording":  # its channels and its clock
+            found = names_of_columns(file, {})
     except (MetrosepError, OSError):  # the file itself is refused when it is read
         return ""
     return ", ".join(str(c.get("name") if isinstance(c, dict) else c) for c in found)

@@ -264,6 +264,12 @@ _OF_ROLE: Final = {"feed": ("speed", None), "time": ("time",)}
 """Dimensions of the columns that are of use; None for one without a unit."""
 
 
+def time_told(table: Table) -> str | None:
+    """Return the column of time of a table, where just one has that name and that unit."""
+    named = [c for c in table.numbers if role_of(c.name) == "time"]
+    return named[0].name if len(named) == 1 and _is_a(named[0], _OF_ROLE["time"]) else None
+
+
 def _is_a(column: Column, dimensions: Collection[str | None]) -> bool:
     """Whether a column is of one of some dimensions: the speed of a spindle is no feed."""
     return (None if column.unit is None else column.unit.dimension) in dimensions

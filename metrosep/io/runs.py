@@ -50,6 +50,7 @@ from metrosep.io._roles import (
     runs_in,
     sensitivity,
     since_first_row,
+    time_told,
     to_si,
 )
 from metrosep.io.own_notes import is_marked
@@ -106,7 +107,8 @@ def read_runs(
         Column with ``fwd``/``rev``, ``forward``/``backward``, ``+1``/``-1``; it must agree with the
         travel. A run that holds both directions becomes two.
     time : column, optional
-        Column of time; a recording has its own.
+        Column of time; a recording has its own, and without a feed so has a table in which one
+        column has the name and the unit of a time.
     sampling_rate : float (Hz) or str, optional
         Rate of the samples, where there is no column of time.
     scale : float (m/V) or str, optional
@@ -186,6 +188,8 @@ def _runs_from(
         is_clocked = TIME in table.names and "separator" not in table.header
         if is_clocked and request.time is None and not counted:
             clocked = replace(request, time=TIME)
+        elif file_feed is None and request.time is None and not counted:
+            clocked = replace(request, time=time_told(table))
         if not counted:
             table = without_empty_rows(table)
         if clocked.time is not None:

@@ -196,3 +196,12 @@ def test_a_parameter_of_another_spelling_has_a_near_one(metrosep, folder, name, 
     code, _, err = metrosep("measure", "a.sdf", "--params", name)
     assert code == 2
     assert near in err
+
+
+def test_columns_of_a_recording_are_named_where_they_are_asked_for(metrosep, folder):
+    (folder / "a.csv").write_text("t_s,x_mm,z_nm\n0,0,1\n0.1,1,2\n0.2,2,3\n0.3,3,4\n", "utf-8")
+
+    code, _, err = metrosep("separate", "a.csv", "-o", "out")
+
+    assert code == 2
+    assert "Missing options '--x' and '--z'; a.csv has t_s, x_mm, z_nm." in err

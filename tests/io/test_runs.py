@@ -93,6 +93,27 @@ def test_time_column_goes_before_feed(put):
     assert run.feed == pytest.approx(0.2e-3 / 2.1e-3, rel=1e-9, abs=0.0)
 
 
+@pytest.mark.parametrize(
+    ("header", "options", "known"),
+    [
+        ("time [ms]", {}, True),
+        ("Zeit [ms]", {}, True),
+        ("time [ms]", {"feed": "60 mm/s"}, False),  # the feed tells the time
+        ("settling time [mm]", {}, False),
+        ("time", {}, False),  # of no unit
+    ],
+)
+def test_a_clock_is_read_where_nothing_else_tells_the_time(put, header, options, known):
+    path = put(f"{header},x_mm,z_um\n0,0,1\n1,0.1,2\n2.5,0.2,3\n")
+
+    run = ms.read_runs(path, x="x_mm", z="z_um", **options)[0]
+
+    if known:
+        np.testing.assert_allclose(run.t, [0, 1e-3, 2.5e-3], rtol=0, atol=PM)
+    else:
+        assert run.t is None or run.t[2] == pytest.approx(0.2e-3 / 0.06, abs=PM)
+
+
 def test_time_and_rate_together_are_refused(put):
     with pytest.raises(ms.errors.ReadError, match="leave the rate out"):
         ms.read_runs(
