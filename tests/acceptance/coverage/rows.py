@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from acceptance.coverage.machine import BASE_WAVES, COLUMN, Machine, Mode
@@ -149,3 +150,9 @@ ROWS["slip on a wave of 8 mm"] = replace(
     ROWS["slip 8 mm"],
     machine=replace(ROWS["slip 8 mm"].machine, waves=(*BASE_WAVES, (8.0, 120.0))),
 )
+# What slips is no size of the machine, but another in each run.
+for _name, _scatter in (("slip of sizes .3", 0.3), ("slip of normal sizes", math.inf)):
+    ROWS[_name] = _slip(8.0, slip_scatter=_scatter)
+    ROWS[f"{_name} on a wave"] = replace(
+        ROWS[_name], machine=replace(ROWS[_name].machine, waves=(*BASE_WAVES, (8.0, 120.0)))
+    )
