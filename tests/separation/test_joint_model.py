@@ -524,7 +524,10 @@ class DrawnSlip:
     """
 
     def __init__(self, rng, reads, noise, middle, spread, count, beside=0.0):
-        size = 0.5 * np.median(np.sum((reads - np.median(reads, axis=0)) ** 2, axis=1))
+        weights = 1.0 / (np.median(noise) + np.asarray(noise))
+        away = reads - weights @ reads / weights.sum()
+        size = 0.5 * weights @ np.sum(away**2, axis=1) / weights.sum()
+        size *= len(reads) / (len(reads) - 1.0)
         halves = 2 + math.ceil(0.5 * math.log2(size / np.median(noise)))
         room = 1.0 + 3.0 / math.sqrt(len(reads) - 1.0)
         self.kappa = np.where(rng.random(count) < 0.5, 1.0, 0.5 ** rng.integers(1, halves, count))

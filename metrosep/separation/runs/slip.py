@@ -46,13 +46,19 @@ def what_repeats(pairs: FloatArray, noise: FloatArray, own: float) -> Repeating:
 
     Of the sum z that repeats the spectrum holds the share own / (own + what repeats beside it).
     """
-    shows = float(np.median(noise))  # medians: some run may show next to nothing
-    away = np.sum((pairs - np.median(pairs, axis=0)) ** 2, axis=1)
-    size = max(0.5 * float(np.median(away)), shows)
+    shows = float(np.median(noise))
+    weights = 1.0 / (shows + noise)  # some run may show next to nothing
+    weights /= weights.sum()
+    middle = weights @ pairs
+    away = float(weights @ np.sum((pairs - middle) ** 2, axis=1))
+    size = max(0.5 * away * len(pairs) / (len(pairs) - 1.0), shows)
     # Before, kappa is 1 with the chance 1/2; else as likely any half of half of 1 that the noise shows.
     halves = 1 + math.ceil(0.5 * math.log2(size / shows))
     scatters = [1.0, *(0.25**i for i in range(1, 1 + halves))]
-    parts = [_of_scatter(pairs, noise, own, kappa2, size) for kappa2 in scatters]
+    parts = [
+        _of_scatter(pairs, noise, own, kappa2, np.append(middle, math.log(size)))
+        for kappa2 in scatters
+    ]
     logs = np.array([p.evidence for p in parts])
     logs[1:] -= math.log(halves)
     chances = np.exp(logs - logs.max())
@@ -67,24 +73,30 @@ def what_repeats(pairs: FloatArray, noise: FloatArray, own: float) -> Repeating:
 
 
 def _of_scatter(
-    pairs: FloatArray, noise: FloatArray, own: float, kappa2: float, size: float
+    pairs: FloatArray, noise: FloatArray, own: float, kappa2: float, about: FloatArray
 ) -> Repeating:
     """Return what repeats where kappa^2 is given, on a grid over z and ln Lambda that follows the chance."""
-    n, middle = len(pairs), np.median(pairs, axis=0)
+    n = len(pairs)
     # ln Lambda, of 2 (R - 1) numbers, is known to 1/sqrt(R - 1); z lies within a circle about the pairs
-    half = np.array([3.0 * math.sqrt(2.0 * size)] * 2 + [1.0 + 3.0 / math.sqrt(n - 1.0)])
+    half = np.array(
+        [3.0 * math.exp(0.5 * about[2]) * math.sqrt(2.0)] * 2 + [1.0 + 3.0 / math.sqrt(n - 1.0)]
+    )
     step, at = 2.0 * half / _STARTS, (2.0 * np.arange(_STARTS) + 1.0) / _STARTS - 1.0
     cells = np.stack(np.meshgrid(at, at, at, indexing="ij"), axis=-1).reshape(-1, 3) * half
-    cells += np.append(middle, math.log(size))
+    cells += about
     corners = 0.5 * (2.0 * np.indices((2, 2, 2)).reshape(3, -1).T - 1.0)
     while True:
-        logs, beside, coarse = _chances(pairs, noise, own, kappa2, cells, step)
-        most = logs.max(axis=1)
+        # A cell is off in all runs alike: as much as it is off by, times their number, it is blurred.
+        coarse, _, blurred = _chances(pairs, noise, own, kappa2, cells, step, 0.5 * n)
+        most = coarse.max(axis=1)
         kept = most > most.max() - _LEAST_CHANCE
-        if not coarse[kept].any():
+        if np.all(
+            blurred[kept] < 0.5 * n * _FINE * (kappa2 * np.exp(cells[kept, 2]) + np.median(noise))
+        ):
             break
         step = 0.5 * step
         cells = (cells[kept][:, None] + corners * step).reshape(-1, 3)
+    logs, beside, _ = _chances(pairs, noise, own, kappa2, cells, step, 1.0)
     top = float(logs.max())
     chances = np.exp(logs - top)
     total = float(chances.sum())
@@ -115,15 +127,16 @@ def _chances(
     kappa2: float,
     cells: FloatArray,
     step: FloatArray,
+    blur: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return ln chance of cells and amplitudes, the variance that repeats, and which cells are coarse."""
+    """Return ln chance of cells and amplitudes, the variance that repeats, and that within a cell."""
     from scipy.special import i0e
 
     size = np.exp(cells[:, 2])
     circle = 2.0 * size * (1.0 - kappa2)
     scatter = kappa2 * size
     # over a cell z and the radius differ evenly
-    blurred = (step[0] ** 2 + 0.25 * circle * step[2] ** 2) / 12.0
+    blurred = blur / 12.0 * (step[0] ** 2 + 0.25 * circle * step[2] ** 2)
     variance = (scatter + blurred)[:, None] + noise
     away = np.sum((pairs - cells[:, None, :2]) ** 2, axis=2)
     reach = np.sqrt(away * circle[:, None])
@@ -133,8 +146,4 @@ def _chances(
     before = own + beside + step[0] ** 2 / 8.0
     repeats = -0.5 * np.sum(cells[:, :2] ** 2, axis=1)[:, None] / before - np.log(before)
     # ln(2 pi) of each pair and of z is left out
-    return (
-        rice.sum(axis=1)[:, None] + repeats,
-        beside,
-        blurred > _FINE * (scatter + np.median(noise)),
-    )
+    return rice.sum(axis=1)[:, None] + repeats, beside, blurred
