@@ -81,6 +81,7 @@ def _of_scatter(
     half = np.array(
         [3.0 * math.exp(0.5 * about[2]) * math.sqrt(2.0)] * 2 + [1.0 + 3.0 / math.sqrt(n - 1.0)]
     )
+    shows = float(np.median(noise))
     step, at = 2.0 * half / _STARTS, (2.0 * np.arange(_STARTS) + 1.0) / _STARTS - 1.0
     cells = np.stack(np.meshgrid(at, at, at, indexing="ij"), axis=-1).reshape(-1, 3) * half
     cells += about
@@ -90,12 +91,12 @@ def _of_scatter(
         coarse, _, blurred = _chances(pairs, noise, own, kappa2, cells, step, 0.5 * n)
         most = coarse.max(axis=1)
         kept = most > most.max() - _LEAST_CHANCE
-        if np.all(
-            blurred[kept] < 0.5 * n * _FINE * (kappa2 * np.exp(cells[kept, 2]) + np.median(noise))
-        ):
+        fine = 0.5 * n * _FINE * (kappa2 * np.exp(cells[:, 2]) + shows)
+        if np.all(blurred[kept] < fine[kept]):
             break
         step = 0.5 * step
         cells = (cells[kept][:, None] + corners * step).reshape(-1, 3)
+    cells = cells[kept]
     logs, beside, _ = _chances(pairs, noise, own, kappa2, cells, step, 1.0)
     top = float(logs.max())
     chances = np.exp(logs - top)
@@ -105,8 +106,10 @@ def _of_scatter(
     share, narrow = own / before, step[0] ** 2 / 8.0 / (before + step[0] ** 2 / 8.0)
     z = [part[..., None] * cells[:, None, :2] for part in (share, 1.0 - share)]
     z = np.concatenate(z, axis=2) * (1.0 - narrow)[..., None]
-    mean = np.einsum("ij,ijk->k", chances, z)
-    covariance = np.einsum("ij,ijk,ijl->kl", chances, z - mean, z - mean)
+    flat = z.reshape(-1, 4)
+    mean = chances.ravel() @ flat
+    away = (flat - mean) * np.sqrt(chances).reshape(-1, 1)
+    covariance = away.T @ away
     # what is narrower than a cell: its own variance; and the split of a sum that is given
     hidden = chances * before * narrow**2
     whole, one, split = (
