@@ -218,12 +218,15 @@ def test_a_long_lag_of_a_slow_machine_is_corrected_whole(delay, waves):
     assert "corrected" in said[0]
 
 
-def test_a_slip_that_long_runs_resolve_is_in_the_band():
+@pytest.mark.parametrize(("scatter", "least", "most"), [(0.0, 0.0, 0.1), (math.inf, 0.75, 1.25)])
+def test_a_slip_that_long_runs_resolve_is_in_the_band(scatter, least, most):
     """Balls that slip at the length of a real wave: 104 nm of error in a band of 8 nm.
 
     The noise model took the slip for a line at each of the three feedrates, and the real wave with it.
     As harmonics of the period, of which none has its length, the slip of seed 74 lost a third of its
-    power to the noise: 68 nm of error in a band of 16 nm.
+    power to the noise: 68 nm of error in a band of 16 nm. Where the slip has one size in all runs, what
+    they show lies on a circle, and its centre is the real wave; where it has a normal one, that is known
+    as a mean is.
     """
     slow = Machine(
         travel_mm=106.0,
@@ -233,6 +236,7 @@ def test_a_slip_that_long_runs_resolve_is_in_the_band():
         modes=(Mode(21.0, 0.03, 60.0),),
         white_nm=15.0,
         slip=((9.7, 160.0),),
+        slip_scatter=scatter,
     )
     beyond = []
     for seed in (73, 74):
@@ -244,13 +248,14 @@ def test_a_slip_that_long_runs_resolve_is_in_the_band():
         error -= np.polynomial.Polynomial.fit(at, error, 1)(at)
         band = 1e9 * estimate.sd(at * 1e-3)
         mean = 160.0 / math.sqrt(2.0) / 3.0  # nm: what nine phases leave in the mean of the runs
-        assert 0.75 * mean < np.sqrt(np.mean(band**2)) < 1.25 * mean
+        assert least * mean < np.sqrt(np.mean(band**2)) < most * mean
         beyond.append(error / band)
         slip = estimate.audit["slip"]
         assert len(slip) == 1
         assert abs(slip[0]["wavelength_mm"] - 9.7) < 0.01  # 1 % of one over the travel
-        # one amplitude, nine phases, 60 nm of vibration beside it
-        assert abs(math.sqrt(2.0) * slip[0]["sd_nm"] / 160.0 - 1.0) < 0.15
+        # nine phases, 60 nm of vibration beside it; a normal size of nine runs is known to 18 %
+        size = math.sqrt(2.0) * slip[0]["sd_nm"] / 160.0
+        assert abs(size - 1.0) < (0.36 if scatter else 0.15)
         said = [m for m in estimate.messages if "another phase in each run" in m]
         assert len(said) == 1
         assert "which the uncertainty holds" in said[0]

@@ -38,6 +38,7 @@ from metrosep.separation.runs.noise import (
 )
 from metrosep.separation.runs.posterior import Model, RunEquations, Slip, Wave, averaged
 from metrosep.separation.runs.sensor import LAG_PRIOR, chance_of_lag, lag_score, likely_lag
+from metrosep.separation.runs.slip import what_repeats
 from metrosep.separation.runs.system import System
 from metrosep.separation.runs.waves import _scores, find_slip
 
@@ -541,74 +542,132 @@ def test_runs_that_agree_have_no_slip(model):
     assert not find_slip(model)
 
 
-def test_a_wave_that_slips_repeats_by_nothing_to_as_much_as_it_slips(model):
-    """The answer is the mean over five amplitudes and three sizes, by the chance of the readings under each.
+class DrawnSlip:
+    """Draws of what repeats and of the size of what slips, with their chances; phases are summed over.
 
-    Here what slips in each run is an unknown of one large system, and nothing is eliminated.
+    Before: kappa 1 or a half, a quarter and so on down to the noise, ln Lambda flat over some room, c of
+    0 to 1 of what slips, and beside c what the spectrum has.
     """
-    runs = model.runs
+
+    def __init__(self, rng, reads, noise, middle, spread, count, beside=0.0):
+        weights = 1.0 / (np.median(noise) + np.asarray(noise))
+        away = reads - weights @ reads / weights.sum()
+        size = 0.5 * weights @ np.sum(away**2, axis=1) / weights.sum()
+        size *= len(reads) / (len(reads) - 1.0)
+        halves = 2 + math.ceil(0.5 * math.log2(size / np.median(noise)))
+        room = 1.0 + 3.0 / math.sqrt(len(reads) - 1.0)
+        self.kappa = np.where(rng.random(count) < 0.5, 1.0, 0.5 ** rng.integers(1, halves, count))
+        self.size = size * np.exp(rng.uniform(-room, room, count))
+        before = beside + (0.25 * rng.integers(0, 5, count)) ** 2 * self.size
+        self.share = beside / np.maximum(before, 1e-9)  # of the spectrum in the sum
+        some = before > 0.0
+        self.sum = some * (middle + spread * rng.normal(size=(2, count)))
+        before = np.maximum(before, 1e-9)
+        drawn = 0.5 * np.sum((self.sum - middle) ** 2, axis=0) / spread**2
+        drawn -= 0.5 * np.sum(self.sum**2, axis=0) / before + np.log(before / spread**2)
+        self.logs = np.where(some, drawn, 0.0)
+
+    def shown(self, pairs, noise):
+        """Take what a run shows, shape (2, n), its noise (2, 2)."""
+        covariance = noise + (self.kappa**2 * self.size)[:, None, None] * np.eye(2)
+        inverse = np.linalg.inv(covariance)
+        radius = np.sqrt(2.0 * self.size * (1.0 - self.kappa**2))
+        total = 0.0
+        for phase in np.arange(80) * np.pi / 40.0:
+            away = pairs - self.sum - radius * np.array([[np.cos(phase)], [np.sin(phase)]])
+            total = total + np.exp(-0.5 * np.einsum("ik,kij,jk->k", away, inverse, away))
+        self.logs += np.log(total + 1e-300) - 0.5 * np.log(np.linalg.det(covariance))
+
+    def of(self, values):
+        """Mean, root of the variances and number of draws of values."""
+        chance = np.exp(self.logs - self.logs.max())
+        chance /= chance.sum()
+        mean = values @ chance
+        return mean, np.sqrt((values - mean[:, None]) ** 2 @ chance), 1.0 / (chance @ chance)
+
+
+@pytest.mark.parametrize("own", [20.0, 900.0])
+@pytest.mark.parametrize("alike", [True, False])
+def test_what_repeats_under_a_slip_is_the_centre_of_what_the_runs_show(own, alike):
+    """Against draws of all that is not known: sizes, phases, what repeats beside the spectrum and in it."""
+    rng, count = np.random.default_rng(8), 200_000
+    sd = np.array([14.0, 20.0, 17.0, 25.0])
+    angle = np.array([0.3, 1.6, 3.5, 5.4])
+    length = 60.0 if alike else np.array([20.0, 90.0, 70.0, 45.0])
+    pairs = np.array([25.0, -30.0]) + (length * np.array([np.cos(angle), np.sin(angle)])).T
+    found = what_repeats(pairs, sd**2, own)
+
+    middle = 0.5 * pairs.mean(axis=0)[:, None]
+    draws = DrawnSlip(rng, pairs, sd**2, middle, 30.0, count, own)
+    for pair, u in zip(pairs, sd, strict=True):
+        draws.shown(pair[:, None], u**2 * np.eye(2))
+    spectrum = np.sqrt(own * (1.0 - draws.share)) * rng.normal(size=(2, count))
+    spectrum += draws.share * draws.sum
+    mean, spread, n = draws.of(np.vstack([spectrum, draws.sum - spectrum]))
+    assert n > 1500
+    # 4 sd of a mean and of a variance of so many draws, and a grid that blurs both by 2 %
+    assert (found.mean - mean) / spread == pytest.approx(0.0, abs=4.0 / math.sqrt(n) + 0.02)
+    ratio = np.sqrt(np.diag(found.covariance)) / spread
+    assert ratio == pytest.approx(1.0, abs=4.0 / math.sqrt(2.0 * n) + 0.02)
+
+
+def test_the_answer_beside_a_slip_is_that_of_all_unknowns_together(model, monkeypatch):
+    """Against draws of the geometry with the slip free in each run, weighed by what that leaves of it."""
+    monkeypatch.setattr(Model, "_louder", lambda self: [])  # the level of the noise is known
+    rng, n, count = np.random.default_rng(9), 1 + 2 * K, 60_000
+    angle = np.array([0.4, 2.3, 4.6])
+    shown = 60.0 * np.array([np.cos(angle), np.sin(angle)]).T + [20.0, 15.0]
+    columns = slip_of_4().columns
+    runs = [
+        # ten times the noise, so that 80 phases of a circle of 60 lie within it
+        replace(r, gram=0.01 * r.gram, right=0.01 * (r.right + r.gram @ columns @ pair))
+        for r, pair in zip(model.runs, shown, strict=True)
+    ]
     model = Model(Extension(0.0, 24.0, K), Spectrum(K))
     model.spectrum.phi = model.spectrum.phi + math.log(3000.0)
     model.slip = [slip_of_4()]
     model.take(runs)
-    k, at, out = np.arange(1, K + 1), [4, K + 4], []
-    n = 1 + 2 * K
-    gram = np.zeros((n + 6, n + 6))
-    right = np.zeros(n + 6)
-    for i, run in enumerate(runs):
-        take = np.eye(n)[:, [*range(n), *at]]
-        own = [*range(n), n + 2 * i, n + 2 * i + 1]
-        gram[np.ix_(own, own)] += take.T @ run.gram @ take
-        right[own] += take.T @ run.right
-
-    def answers(amplitudes, sizes):
-        out = []
-        for weight, (size,) in sizes:
-            for amplitude in amplitudes:
-                repeats = 3000.0 * k**-2.5 + np.where(k == 4, amplitude**2 * size, 0.0)
-                variances = [[model.line_sd**2], repeats, repeats, np.full(6, size)]
-                prior = np.diag(1.0 / np.concatenate(variances))
-                mean = np.linalg.solve(gram + prior, right)
-                log = right @ mean - np.linalg.slogdet(gram + prior)[1]
-                out.append((weight + 0.5 * (log + np.linalg.slogdet(prior)[1]), mean[:n]))
-        return out
-
-    def mean_of(out):
-        chance = np.exp([log - out[-1][0] for log, _ in out])
-        return chance / chance.sum() @ np.array([mean for _, mean in out]), chance / chance.sum()
-
-    sizes = model._sizes_of_slip()
-    out = answers((0.0, 0.25, 0.5, 0.75, 1.0), sizes)
-    expected, chance = mean_of(out)
     found = model.answer()
 
-    close(found.mean, expected)
-    assert np.all(np.abs(expected[at]) < 0.98 * np.abs(out[-1][1][at]))  # the share matters
-    spread = sum(c * (mean - expected) ** 2 for c, (_, mean) in zip(chance, out, strict=True))
-    assert np.all(np.diag(found.covariance)[at] > spread[at])
+    gram, right = (
+        np.diag(np.append(model.line_sd**-2, np.tile(1 / model.spectrum.variance, 2))),
+        0.0,
+    )
+    for run in runs:
+        free = run.gram @ columns @ np.linalg.inv(columns.T @ run.gram @ columns)
+        gram = gram + run.gram - free @ columns.T @ run.gram
+        right = right + run.right - free @ columns.T @ run.right
+    mean = np.linalg.solve(gram, right)
+    geometry = mean[:, None] + np.linalg.cholesky(np.linalg.inv(gram)) @ rng.normal(
+        size=(n, count)
+    )
+    reads = [
+        np.linalg.solve(
+            columns.T @ r.gram @ columns, columns.T @ (r.right[:, None] - r.gram @ geometry)
+        )
+        for r in runs
+    ]
+    noise = [np.linalg.inv(columns.T @ r.gram @ columns) for r in runs]
+    middle = np.mean(reads, axis=0)
+    squares = [0.5 * np.trace(u) for u in noise]
+    draws = DrawnSlip(rng, np.mean(reads, axis=2), squares, 0.5 * middle, 25.0, count)
+    for pairs, u in zip(reads, noise, strict=True):
+        draws.shown(pairs, u)
+    mean, spread, seen = draws.of(geometry + columns @ draws.sum)
+    assert seen > 2000
+    assert (found.mean - mean) / spread == pytest.approx(0.0, abs=0.1)
+    assert np.sqrt(np.diag(found.plain)) / spread == pytest.approx(1.0, abs=0.1)
     assert model.slip[0].variance == slip_of_4().variance  # as it was
-    model.slip_is_geometry = False
-    close(model.answer().mean, mean_of(answers((0.0,), sizes))[0])
 
 
-@pytest.mark.parametrize(("n_runs", "n_waves"), [(9, 1), (9, 3), (4, 1)])
-def test_the_size_of_what_slips_is_known_as_a_variance_of_so_few_runs_is(model, n_runs, n_waves):
-    """Mean and spread of Lambda and of ln Lambda, given squares of 2 (R - 1) normal numbers."""
-    model.slip = [slip_of_4()] * n_waves
-    model.runs = [model.runs[0]] * n_runs
-    freedom = 2.0 * (n_runs - 1.0)
-    logs, sizes = (np.array(v) for v in zip(*model._sizes_of_slip(), strict=True))
-    ratio = sizes / slip_of_4().variance
-    logs -= 0.5 * np.sum(freedom * np.log(ratio) + freedom / ratio, axis=1)  # of the squares
-    chance = np.exp(logs - logs.max())
-    mean = chance @ ratio[:, 0] / chance.sum()
-    spread = chance @ np.log(ratio[:, 0] / mean) ** 2 / chance.sum()
-
-    exact = invgamma(freedom / 2.0, scale=freedom / 2.0)
-    # three places hold a smooth law; along several waves at once they stand farther apart
-    assert mean == pytest.approx(exact.mean(), rel=0.0, abs=0.1 * exact.mean())
-    expected = exact.expect(lambda v: math.log(v / exact.mean()) ** 2)
-    assert spread == pytest.approx(expected, rel=0.0, abs=0.3 * expected)
+def test_a_slip_that_is_taken_for_all_there_is_of_its_length_has_one_answer(model):
+    """`slip="sparse"`: nothing of it repeats."""
+    runs = model.runs
+    model = Model(Extension(0.0, 24.0, K), Spectrum(K), slip_is_geometry=False)
+    model.spectrum.phi = model.spectrum.phi + math.log(3000.0)
+    model.slip = [slip_of_4()]
+    model.take(runs)
+    close(model.answer().mean, model.solve().theta)
 
 
 def test_what_is_not_known_of_the_spectrum_is_in_the_band_twice(model):

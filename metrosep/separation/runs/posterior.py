@@ -24,6 +24,7 @@ from metrosep.separation.runs.geometry import (
     seen_through,
 )
 from metrosep.separation.runs.noise import level_spread
+from metrosep.separation.runs.slip import what_repeats
 
 DONE = 0.03
 """A learning ends when no knot of ln s^2, or logarithm of a variance, moves by more."""
@@ -31,8 +32,8 @@ DONE = 0.03
 _CAP = 4.0
 """Largest (a^2 + b^2)/s^2 of one harmonic for a broad part that must not swallow a line."""
 
-_REPEATS = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Amplitudes that repeat, over that which slips, where a wave slips: as likely before."""
+_FREE = 100.0
+"""Variance over the learnt one with which a wave that slips is hardly held: its runs count once."""
 
 PLACED = (np.zeros(1), np.ones(1))
 """Variances of a lag, and their chances, where no run is displaced."""
@@ -235,7 +236,6 @@ class Model:
     sensor: Sensor = field(default_factory=Sensor)
     slip: list[Slip] = field(default_factory=list)
     slip_is_geometry: bool = True  # what slips may repeat as well (eq. 24)
-    repeats: float = 1.0  # variance of what repeats over that of the slip
     kept: int = 0  # harmonics in use; all K in the last solution
     runs: list[RunEquations] = field(default_factory=list)  # as read
     # sums over the runs of one velocity, as read; then as seen, and the sum of all
@@ -351,7 +351,7 @@ class Model:
         return [s.columns for s in self._repeating()] + [w.columns for w in self.waves]
 
     def _repeating(self) -> list[Slip]:
-        return self.slip if self.slip_is_geometry and self.repeats > 0.0 else []
+        return self.slip if self.slip_is_geometry else []
 
     def _expanded(self, columns: list[FloatArray]) -> FloatArray:
         """Return columns of the basis side by side in all coordinates."""
@@ -378,7 +378,7 @@ class Model:
         on = self.harmonics()
         waves = 1.0 / self.spectrum.variance[on]
         shift = (self.extension.travel / SHIFT_SHARE) ** 2
-        own = [np.full(2, 1.0 / (self.repeats * s.variance)) for s in self._repeating()]
+        own = [np.full(2, 1.0 / s.variance) for s in self._repeating()]
         own += [
             np.concatenate([np.full(2, 1.0 / w.variance), np.full(w.columns.shape[1] - 2, shift)])
             for w in self.waves
@@ -564,75 +564,87 @@ class Model:
         return np.asarray(change @ np.linalg.cholesky(np.linalg.inv(precision)))
 
     def answer(self) -> Answer:
-        """Return the solution with what noise and spectrum leave open (eq. 16).
+        """Return the solution with what noise and spectrum leave open (eq. 16)."""
+        if self.slip and self.slip_is_geometry:
+            return self._answer_beside_slip()
+        post = self.solve()
+        return self._answer(post, post.theta, self.covariance(post), self.log_evidence(post))
 
-        Where waves slip, it is averaged over how much of them repeats: from nothing to as much as
-        slips. Either end alone is a band that is wrong at the other, or an error that need not be.
-        And over how much slips, which the runs know as badly as a variance of so few.
+    def _answer(
+        self, post: Posterior, mean: FloatArray, plain: FloatArray, evidence: float
+    ) -> Answer:
+        """Return an answer with what the learnt spectrum leaves open."""
+        change = self.spread_of_spectrum(post)
+        # Twice: a spectrum that is learnt of the readings leaves them, on average, a variance that is
+        # too small by the same again (Prasad, Rao 1990).
+        return Answer(mean, plain + 2.0 * change @ change.T, plain, evidence)
+
+    def _answer_beside_slip(self) -> Answer:
+        """Return the answer where waves slip, with what repeats of these (`what_repeats`).
+
+        The geometry is solved with these waves free in each run, and is then known but for u = B theta,
+        what of it looks like them. They show z = u + c, and c repeats beside the spectrum.
         """
-        shares = _REPEATS if self.slip_is_geometry and self.slip else (1.0,)
-        found, louder = [s.variance for s in self.slip], self._louder()
-        logs, means, plains, covariances = [], [], [], []
-        for weight, variances in self._sizes_of_slip():
-            for slip, variance in zip(self.slip, variances, strict=True):
-                slip.variance = variance
-            if variances != found:
-                self.apply()
-            log_weight = weight + self._evidence_of_slip()
-            for share in shares:
-                self.repeats = share**2
-                post = self.solve()
-                logs.append(log_weight + self.log_evidence(post))
-                means.append(post.theta)
-                plains.append(self.covariance(post, louder))
-                change = self.spread_of_spectrum(post)
-                # Twice: a spectrum that is learnt of the readings leaves them, on average, a variance
-                # that is too small by the same again (Prasad, Rao 1990).
-                covariances.append(plains[-1] + 2.0 * change @ change.T)
-        self.repeats = shares[-1]
-        if self.slip:
-            for slip, variance in zip(self.slip, found, strict=True):
-                slip.variance = variance
-            self.apply()
-        chances = np.exp(np.array(logs) - max(logs))
-        total = float(chances.sum())
-        chances /= total
-        mean, covariance = averaged(chances, means, covariances)
-        _, plain = averaged(chances, means, plains)
-        evidence = max(logs) + math.log(total / len(shares))
-        return Answer(mean, covariance, plain, evidence)
-
-    def _sizes_of_slip(self) -> list[tuple[float, list[float]]]:
-        """Return variances of what slips that stand for all, and ln of the weight of their evidence.
-
-        ln Lambda, flat before, has the moments of a scaled inverse chi-square of 2 (R - 1) degrees; the
-        nodes are those of Gauss and Hermite for one wave, along each wave for several.
-        """
-        from scipy.special import digamma, polygamma
-
-        n = len(self.slip)
-        if not n:
-            return [(0.0, [])]
-        half = len(self.runs) - 1.0
-        away = math.sqrt(n + 2.0) * np.vstack([np.zeros(n), np.eye(n), -np.eye(n)])
-        weights = np.append(2.0, np.full(2 * n, 0.5)) / (n + 2.0)
-        logs = np.log(weights) + 0.5 * np.sum(away**2, axis=1)  # over the density that they are of
-        grown = math.log(half) - float(digamma(half)) + math.sqrt(polygamma(1, half)) * away
-        sizes = np.array([s.variance for s in self.slip]) * np.exp(grown)
-        return list(zip(logs.tolist(), sizes.tolist(), strict=True))
-
-    def _evidence_of_slip(self) -> float:
-        """Return the part of ln evidence that what slips has without the geometry, but for a constant."""
-        from scipy.linalg import solve_triangular
-
-        out = 0.0
+        found = [s.variance for s in self.slip]
+        for slip in self.slip:
+            slip.variance *= _FREE
+        self.slip_is_geometry = False
+        self.apply()
+        post, plain = self.solve(), self.covariance(self.solve())
         columns, own = self.slipping()
-        for run in self.runs if self.slip else ():
-            factor = np.linalg.cholesky(columns.T @ run.gram @ columns + own)
-            half = solve_triangular(factor, columns.T @ run.right, lower=True)
-            out += 0.5 * float(half @ half + np.log(np.diag(own)).sum())
-            out -= float(np.log(np.diag(factor)).sum())
+        pairs, noise, alike = self._pairs(post, columns, own)
+        seen = alike @ post.full_root
+        known = seen @ seen.T
+        inside = (
+            post.full_root @ np.linalg.solve(known, seen).T
+        )  # the change of the geometry with u
+        n, parts = len(own), np.hstack([inside, columns])
+        mean, spread = np.zeros(2 * n), np.zeros((2 * n, 2 * n))
+        evidence = self.log_evidence(post)
+        for first in range(0, n, 2):
+            pair = [first, first + 1]
+            part = what_repeats(
+                pairs[:, pair],
+                noise[:, first // 2],
+                0.5 * float(np.trace(known[np.ix_(pair, pair)])),
+            )
+            at = [*pair, n + first, n + first + 1]
+            mean[at], spread[np.ix_(at, at)] = part.mean, part.covariance
+            evidence += part.evidence
+        plain += parts @ spread @ parts.T - inside @ known @ inside.T
+        out = self._answer(post, post.theta + parts @ mean, plain, evidence)
+        self.slip_is_geometry = True
+        for slip, variance in zip(self.slip, found, strict=True):
+            slip.variance = variance
+        self.apply()
+        self.solve()
         return out
+
+    def _pairs(
+        self, post: Posterior, columns: FloatArray, own: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what runs show of waves that slip beside a solution, (R, m), its variance, (R, m/2), and B.
+
+        All of it as it was before the sensor. B theta, (m, N), is what geometry has of these waves.
+        """
+        turned, held, rests = [], [], []
+        for run in self.runs:
+            h = self.sensor.response(self.extension.wavenumbers, run.velocity)
+            side = columns.T @ run.gram
+            held.append(filtered(side.T, np.conj(h)).T)
+            turned.append(held[-1] @ columns + own)
+            rests.append(columns.T @ run.right - held[-1] @ post.theta)
+        alike = np.asarray(np.linalg.solve(sum(turned), sum(held)), dtype=np.float64)
+        pairs, noise = [], []
+        for run, turn, side, rest in zip(self.runs, turned, held, rests, strict=True):
+            back = np.linalg.inv(turn)
+            apart = (back @ side - alike) @ post.full_root
+            squares = np.diag(
+                back @ (columns.T @ run.gram @ columns + own) @ back.T + apart @ apart.T
+            )
+            pairs.append(back @ rest)
+            noise.append(0.5 * (squares[::2] + squares[1::2]))
+        return np.array(pairs), np.array(noise), alike
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -72,6 +72,7 @@ class Machine:
     # what moves
     modes: tuple[Mode, ...] = (COLUMN,)
     slip: tuple[tuple[float, float], ...] = ()  # (wavelength mm, amplitude nm), phase of each run
+    slip_scatter: float = 0.0  # of its amplitude from run to run, relative; inf: normal numbers
     # sensor and logger
     delay_s: float = 0.0
     low_pass_hz: float = 0.0
@@ -259,7 +260,12 @@ def _one_run(machine, name, feed, way, ends, truth, rng):
     motion = truth(where)
     for wavelength, amplitude in machine.slip:
         phase = rng.uniform(0.0, 2.0 * math.pi)
-        motion = motion + amplitude * np.cos(2.0 * math.pi * where / wavelength + phase)
+        size = amplitude
+        if math.isinf(machine.slip_scatter):
+            size *= math.sqrt(rng.exponential())
+        elif machine.slip_scatter:
+            size *= 1.0 + machine.slip_scatter * rng.standard_normal()
+        motion = motion + size * np.cos(2.0 * math.pi * where / wavelength + phase)
     shaken = sum((oscillator(rng, mode, h, at.size) for mode in machine.modes), np.zeros(at.size))
     if machine.filters_vibration:
         motion, shaken = motion + shaken, np.zeros(at.size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from acceptance.coverage.machine import BASE_WAVES, COLUMN, Machine, Mode
@@ -153,3 +154,9 @@ ROWS["slip on a wave of 8 mm"] = replace(
 ROWS["dropouts 15 %"] = _base(dropouts=0.15)
 ROWS["dropouts 30 %, turbulence"] = _base(dropouts=0.3, modes=ROWS["turbulence"].machine.modes)
 ROWS["dropouts 5 %, 8 kHz"] = _base(dropouts=0.05, rate_hz=8000.0)
+# What slips is no size of the machine, but another in each run.
+for _name, _scatter in (("slip of sizes .3", 0.3), ("slip of normal sizes", math.inf)):
+    ROWS[_name] = _slip(8.0, slip_scatter=_scatter)
+    ROWS[f"{_name} on a wave"] = replace(
+        ROWS[_name], machine=replace(ROWS[_name].machine, waves=(*BASE_WAVES, (8.0, 120.0)))
+    )

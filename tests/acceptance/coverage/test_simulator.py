@@ -144,6 +144,18 @@ def test_a_wave_that_slips_has_its_amplitude_and_no_common_phase():
     assert abs(np.mean(np.exp(1j * np.array(phases)))) < 0.3  # 90 phases: 1/sqrt(90) is 0.1
 
 
+@pytest.mark.parametrize(("scatter", "mean", "sd"), [(0.3, 1.0, 0.3), (math.inf, 0.886, 0.463)])
+def test_a_wave_that_slips_may_have_another_size_in_each_run(scatter, mean, sd):
+    """Normal numbers of cosine and sine have a size of Rayleigh: sqrt(pi)/2 and sqrt(1 - pi/4)."""
+    machine = replace(
+        SILENT, waves=(), slip=((8.0, 120.0),), slip_scatter=scatter, repeats=100, travel_mm=56.0
+    )
+    sizes = np.array([np.std(run.z_nm) * math.sqrt(2.0) for run in runs_of(machine).runs]) / 120.0
+    # of 300 runs, four sd; 56 mm are seven waves
+    assert sizes.mean() == pytest.approx(mean, abs=4.0 * sd / math.sqrt(300) + 0.01)
+    assert sizes.std() == pytest.approx(sd, abs=4.0 * sd / math.sqrt(600) + 0.01)
+
+
 def test_white_noise_offset_drift_steps_limit_gaps_and_clock_are_as_stated():
     base = replace(SILENT, waves=())
     z = np.concatenate([r.z_nm for r in runs_of(replace(base, white_nm=20.0, repeats=30)).runs])
