@@ -7,7 +7,7 @@ Fields: gS, white noise under a Gaussian of sigma S pixels; eS, exponential corr
 fB, spectrum f^-B; w3/Q, f^-3 of 1/Q of the RMS of white noise; lay, 2 x 40 pixels. Supports: square,
 disc, gaps (a fifth missing), 1/K (the middle 1/K of the rows, a narrow map).
 The piston is left out. Printed are the share of errors within U, the median of U over twice the scatter
-of the errors, false accepts of a part on its limit with the guard t_0.95 u, and ms of one u. The shares
+of the errors, false accepts of a part on its limit with the guard band of the fit, and ms of one u. The shares
 have their standard errors: the errors of one map hang together, so that they are those of the maps' means.
 """
 
@@ -16,7 +16,6 @@ import time
 import zlib
 
 import numpy as np
-from scipy.special import stdtrit
 
 import metrosep as ms
 
@@ -119,8 +118,8 @@ def judged(name, where, form, n, seeds):
             del u[next(iter(u))]
         off = {k: found.params[k] - truth.get(k, 0.0) for k in u if k not in ("R", "piston")}
         own = np.array([u[k] for k in off])
-        guard = float(stdtrit(found.dof_effective, 0.95))
-        rows.append((np.array([*off.values()]), found.coverage_factor * own, guard * own))
+        guard = np.array([found.guard[k] for k in off])
+        rows.append((np.array([*off.values()]), found.coverage_factor * own, guard))
     return (*(np.array(v) for v in zip(*rows, strict=True)), spent / len(rows))
 
 

@@ -40,6 +40,8 @@ class Quantity(PublicObject):
         Degrees of freedom of ``u``; ``None`` where they are not known or do not matter.
     u_source : str, optional
         What ``u`` rests on, where a verdict must say so: ``"fit residual"``.
+    guard : float or None, optional
+        Guard band at a limit that this source asks for, same unit; ``None`` where it is t_0.95 u.
 
     Raises
     ------
@@ -54,6 +56,7 @@ class Quantity(PublicObject):
     symbol: str = ""
     dof: float | None = None
     u_source: str = ""
+    guard: float | None = None
 
     def __post_init__(self) -> None:
         for key in ("value", "u"):

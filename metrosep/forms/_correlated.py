@@ -74,6 +74,8 @@ _LAY = 1.0 / 8.0
 """Odds of a lay: its angle is taken from the residual, and eight can be distinguished on the lowest ring."""
 _HELD = 2
 """Order of the parameters that are bounded by energy: piston, tilts, curvatures."""
+PROVEN = 0.95
+"""Probability with which a verdict holds (ISO 14253-1): the rest is the share of false accepts."""
 _RARE = 1e-4
 """Of all odds: spectra that have no more together change no digit of u."""
 
@@ -88,6 +90,7 @@ class Estimate:
     length: float
     bounded: bool = False  # u of some parameters is a bound by the energy of the residual
     lay: float = 1.0  # of a narrow map: slopes across it over those along it
+    guard: FloatArray | float = 1.0  # what a verdict needs over t_0.95 u, (p,)
 
 
 def student(dof: float, share: float) -> float:
@@ -141,6 +144,7 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
         here = whole = good
         b = -(-max(r.shape) // _SIDE_B)
         lay = 1.0
+        guard: FloatArray | float = 1.0
         if not is_line and narrowness(x[good], y[good]) < NARROW:  # as many blocks as a square has
             b = min(b, int(np.ceil(np.sqrt(N) / _SIDE_B)))
             lay = _across_over_along(points, residual)
@@ -156,7 +160,7 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
         dof_b = max(1.0, float(found.n))
         if found.is_known and not is_line:
             _, area, dof_a = _lags(rest, good, found.Q, here, is_line=False)
-            cov, dof = found.cov, dof_b
+            cov, dof, guard = found.cov, dof_b, found.guard
             if found.is_bounded:  # by one sum of squares of deviations that are long
                 dof = min(dof_b, max(dof_a, 1.0))
         else:
@@ -171,7 +175,9 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
         if n_effective < 2 * p:
             return _unknown(p, n_effective)
         length = 0.5 * b_x * area if is_line else np.sqrt(b_y * b_x * area / np.pi)
-        return Estimate(cov * level**2, dof, n_effective, float(length), found.is_bounded, lay)
+        return Estimate(
+            cov * level**2, dof, n_effective, float(length), found.is_bounded, lay, guard
+        )
 
 
 class NoiseModel(Protocol):
@@ -226,7 +232,8 @@ def _scattered(points: Points, linearise: Linearise, residual: FloatArray, p: in
         if p >= r.size:
             return _unknown(p, N)
     found = _next_to_the_model(x, y, J, r, np.ones(r.size, bool), is_line=float(np.ptp(y)) == 0.0)
-    return Estimate(found.cov, max(1.0, float(found.n)), float(N), np.nan, found.is_bounded)
+    dof = max(1.0, float(found.n))
+    return Estimate(found.cov, dof, float(N), np.nan, found.is_bounded, guard=found.guard)
 
 
 def _cells(
@@ -481,6 +488,7 @@ class _Beside:
     n: int
     Q: FloatArray
     is_known: bool  # by enough: the model is of polynomials on a map, and no lay is likely
+    guard: FloatArray | float = 1.0  # as in `Estimate`
     is_bounded: bool = False  # a bound by energy is at work
 
 
@@ -497,6 +505,10 @@ def _next_to_the_model(
     three with white noise below them, alike in all directions, all with equal odds; or a lay (`_LAY`). With the scale of each integrated out, the residual gives every
     C a weight and every parameter a Student distribution. u is such that the mixture of these holds
     COVERAGE within t(n) u. No parameter gets more than a bound by energy (`_bound`).
+
+    Whether a spectrum rises beyond the map or levels off on it, a map hardly says, and what holds of both
+    together holds too little of the one and too much of the other. A verdict has to be true of either: its
+    guard band is that of the rising ones alone, unless these have smaller odds than a false accept may have.
     """
     Q, R, r = _factors(J, r)
     N, p = Q.shape
@@ -515,29 +527,42 @@ def _next_to_the_model(
     found = _white(t, float(rest @ rest), rest.size - p, white)
     if not is_line:  # short correlations have spectra
         found = found[-1:]
-    found += _coloured(own.grams, t, inverse, own.odds)
+    coloured, kinds = _coloured(own.grams, t, inverse, own.odds)
+    found += coloured
     alike = len(found)
+    rises = np.zeros(alike, bool)
+    rises[alike - len(kinds) :] = own.rises[kinds]
     if not is_line:
         across = angle_across(x, y, r, own.last)
         f, G = under_waves(x, y, np.column_stack([Q, F]), own.last, angle=across)
-        S, odds = likely_spectra(f, n_smooth=16)
-        found += _coloured(_under_spectra(S, G, p), t, inverse, _LAY / odds.sum() * odds)
+        S, odds, _ = likely_spectra(f, n_smooth=16)
+        found += _coloured(_under_spectra(S, G, p), t, inverse, _LAY / odds.sum() * odds)[0]
     logs = np.array([v for v, _, _ in found])
     kept, weights = _likely(logs)
     covs = np.stack([found[k][2] for k in kept])
     mean = np.tensordot(weights, covs, 1)
     freedom = np.array([found[k][1] for k in kept])
-    u = _of_mixture(weights, np.sqrt(np.diagonal(covs, axis1=1, axis2=2)), freedom, n)
+    sd = np.sqrt(np.diagonal(covs, axis1=1, axis2=2))
+    u = _half_width(weights, sd, freedom, COVERAGE) / expanding_factor(n)
     s2 = float(r @ r) / (N - p)
     u = np.maximum(u, np.sqrt(s2 * np.diag(white)))  # a lay may leave a parameter nothing
     wider = np.max(u * u / np.diag(mean))  # the tails of the mixture
     most = _bound(np.diag(R @ mean @ R.T) * wider, order, s2, float(r @ r))
-    held = np.minimum(u, np.sqrt(np.square(inverse) @ most))
+    limit = np.sqrt(np.square(inverse) @ most)
+    held = np.minimum(u, limit)
+    guard = np.ones(p)
+    there = kept < alike
+    there[there] = rises[kept[there]]
+    if weights[there].sum() > 1.0 - PROVEN:
+        own_weights = weights[there] / weights[there].sum()
+        band = _half_width(own_weights, sd[there], freedom[there], 2.0 * PROVEN - 1.0)
+        guard = np.maximum(1.0, np.minimum(band / student(n, PROVEN), limit) / held)
     scale = size * held / np.sqrt(np.diag(mean))
     # a lay is seldom as straight and as long as its spectrum has it
     is_known = not is_line and not np.isnan(order).any()
     is_known = is_known and bool(weights[kept < alike].sum() > 0.5)
-    return _Beside(mean * np.outer(scale, scale), n, Q, is_known, bool((held < u)[1:].any()))
+    bounded = bool((held < u)[1:].any())
+    return _Beside(mean * np.outer(scale, scale), n, Q, is_known, guard, bounded)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -549,6 +574,7 @@ class _Surroundings:
     F: FloatArray  # these, (., n)
     grams: tuple[FloatArray, FloatArray]  # under each spectrum that is alike in all directions
     odds: FloatArray  # of each
+    rises: BoolArray  # beyond the map, of each
 
 
 @lru_cache(maxsize=2)
@@ -566,12 +592,12 @@ def _kept_surroundings(
     F = np.zeros((at_x.size, beside.shape[1]))
     F[there] = beside
     if F.shape[1] == 0:
-        return _Surroundings(order, top, F, (F, F), order)
+        return _Surroundings(order, top, F, (F, F), order, there)
     last = top if is_line else top + _BEYOND[-1]
     B = np.column_stack([columns, F])
     f, G = under_waves(at_x, at_y, B, last, angle=0.0 if is_line else None)
-    S, odds = likely_spectra(f) if is_line else with_short_ones(f)
-    return _Surroundings(order, last, F, _under_spectra(S, G, p), odds)
+    S, odds, rises = likely_spectra(f) if is_line else with_short_ones(f)
+    return _Surroundings(order, last, F, _under_spectra(S, G, p), odds, rises)
 
 
 def _white(
@@ -620,8 +646,8 @@ def _under_spectra(S: FloatArray, G: FloatArray, p: int) -> tuple[FloatArray, Fl
 
 def _coloured(
     grams: tuple[FloatArray, FloatArray], t: FloatArray, inverse: FloatArray, odds: FloatArray
-) -> list[tuple[float, float, FloatArray]]:
-    """Return log odds, degrees of freedom and covariance under each spectrum and level of noise."""
+) -> tuple[list[tuple[float, float, FloatArray]], NDArray[np.intp]]:
+    """Return log odds, degrees of freedom and covariance under likely spectra and levels of noise, and which."""
     own, beside = grams
     n = t.size
     volume, left = _over_noise(beside, t)
@@ -632,7 +658,7 @@ def _coloured(
     used, at = np.unique(c, return_inverse=True)
     shapes = inverse @ own[used] @ inverse.T
     covs = (shapes[at] + _NOISE[k, None, None] * white) * (left[c, k] / n)[:, None, None]
-    return [(float(log), float(n), cov) for log, cov in zip(logs[c, k], covs, strict=True)]
+    return [(float(log), float(n), cov) for log, cov in zip(logs[c, k], covs, strict=True)], c
 
 
 def _over_noise(C: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -680,8 +706,10 @@ def _bound(law: FloatArray, order: FloatArray, s2: float, left: float) -> FloatA
     return most
 
 
-def _of_mixture(weights: FloatArray, sd: FloatArray, freedom: FloatArray, n: int) -> FloatArray:
-    """Return u of which t(n) u holds COVERAGE of Student distributions with these deviations (k, p).
+def _half_width(
+    weights: FloatArray, sd: FloatArray, freedom: FloatArray, share: float
+) -> FloatArray:
+    """Return what holds a share of a mixture of Student distributions with these deviations (k, p).
 
     What an interval holds rises with its half width and bends down: Newton's steps never pass the answer
     from below, come back below it from above, and double its digits at the end.
@@ -691,16 +719,16 @@ def _of_mixture(weights: FloatArray, sd: FloatArray, freedom: FloatArray, n: int
     nu, most = freedom[:, None], sd.max(axis=0)
     sd = np.maximum(sd, np.maximum(1e-100 * most, np.finfo(np.float64).tiny))
     peak = np.exp(gammaln(0.5 * (nu + 1.0)) - gammaln(0.5 * nu)) / np.sqrt(np.pi * nu)
-    half = expanding_factor(n) * np.sqrt(weights @ np.square(sd))
+    half = student(float(freedom.max()), 0.5 + 0.5 * share) * np.sqrt(weights @ np.square(sd))
     for _ in range(50):
         t = half / sd
         held = weights @ (2.0 * stdtr(nu, t) - 1.0)
         rise = weights @ (2.0 * peak * (1.0 + t * t / nu) ** (-0.5 * (nu + 1.0)) / sd)
-        step = np.maximum((COVERAGE - held) / rise, -half)
+        step = np.maximum((share - held) / rise, -half)
         half = half + step
         if np.all(np.abs(step) <= _SETTLED * half):
             break
-    return np.where(most > 0.0, half / expanding_factor(n), 0.0)
+    return np.where(most > 0.0, half, 0.0)
 
 
 def _beside(Q: FloatArray, x: FloatArray, y: FloatArray, top: int, *, is_line: bool) -> FloatArray:

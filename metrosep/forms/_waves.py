@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import BoolArray, FloatArray
 
 _MARGIN = 6
 """Degrees beyond the last of which the waves still are: the tail of a polynomial's own spectrum."""
@@ -160,8 +160,8 @@ def _decade(span: float) -> int:
     return int(np.ceil(np.log10(span))) if span > 0.0 else 0
 
 
-def likely_spectra(f: FloatArray, n_smooth: int = 45) -> tuple[FloatArray, FloatArray]:
-    """Return the spectra that a surface may have, (number, frequencies), and the odds of each.
+def likely_spectra(f: FloatArray, n_smooth: int = 45) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return the spectra that a surface may have, (number, frequencies), the odds of each, and which rise beyond it.
 
     (1 + 2 (pi l f)^2 / B)^(-B/2), f in periods per width, falls as f^-B from a length l on;
     exp(-(pi l f)^2), its limit, is the Gaussian correlation. Two classes have odds of 1 each: lengths from
@@ -180,19 +180,21 @@ def likely_spectra(f: FloatArray, n_smooth: int = 45) -> tuple[FloatArray, Float
     for B in _POWERS:
         found += [_levelling(_RISING, f, B)]
         odds += [np.full(_RISING.size, 1.0 / _RISING.size / len(_POWERS))]
-    return np.concatenate(found), np.concatenate(odds)
+    S = np.concatenate(found)
+    return S, np.concatenate(odds), np.arange(len(S)) >= len(S) - _RISING.size * len(_POWERS)
 
 
-def with_short_ones(f: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return `likely_spectra` and those of texture, nearly white along the polynomials, and the odds of each.
+def with_short_ones(f: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return what `likely_spectra` does, with spectra of texture, nearly white along the polynomials.
 
     Texture is smooth or exponential (B = 3), of lengths below those of `likely_spectra`. It is a third class.
     """
-    S, odds = likely_spectra(f)
+    S, odds, rises = likely_spectra(f)
     lengths = np.geomspace(1 / 64, 1 / 16, 9)[:-1]
     short = np.concatenate([_levelling(lengths, f, B) for B in (3.0, 8.0, np.inf)])
     n = len(short)
-    return np.concatenate([S, short]), np.concatenate([odds, np.full(n, 1.0 / n)])
+    odds = np.concatenate([odds, np.full(n, 1.0 / n)])
+    return np.concatenate([S, short]), odds, np.concatenate([rises, np.zeros(n, bool)])
 
 
 def _levelling(lengths: FloatArray, f: FloatArray, B: float) -> FloatArray:

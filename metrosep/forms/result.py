@@ -18,10 +18,12 @@ from metrosep.core.public import PublicObject, shortened
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering, format_length
 from metrosep.forms._correlated import (
+    PROVEN,
     Estimate,
     estimated,
     expanding_factor,
     from_model,
+    student,
 )
 from metrosep.forms.base import RIGID, Form, Placement
 from metrosep.forms.conic import curvature_name
@@ -152,6 +154,12 @@ class FitResult(PublicObject):
     def u(self) -> dict[str, float]:
         """Standard uncertainty of each free parameter and curvature; NaN where it is not known."""
         return self._standard(self._estimate.cov)
+
+    @property
+    def guard(self) -> dict[str, float]:
+        """Guard band of each at a limit, one-sided 95 %: t_0.95 u, more where deviations may rise beyond the map."""
+        t = student(self.dof_effective, PROVEN) * self._estimate.guard * np.ones(len(self.names))
+        return self._standard(self._estimate.cov * np.outer(t, t))
 
     @property
     def u_white(self) -> dict[str, float]:

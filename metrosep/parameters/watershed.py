@@ -496,14 +496,17 @@ def _saddles(ground: Ground, labels: NDArray[np.int32], n: int) -> tuple[IntArra
         part = slice(start, start + strip)
         here = np.flatnonzero(fall_apart[higher[part]] | (higher[part] != not_lower[part]))
         here += start
-        wanted = not_lower[here]
+        wanted, own, level = not_lower.take(here), flat.take(here), heights.take(here)
+        before = own  # the hill of the ring's last pixel, its own where that does not count
         for bit, (dy, dx) in enumerate(_RING):
-            at = here[(wanted & np.uint8(1 << bit)) != 0]
-            a, b = flat[at], flat[at + (dy * width + dx)]
-            apart = a != b
-            at, a, b = at[apart], a[apart].astype(np.intp), b[apart].astype(np.intp)
+            # beyond the map is nothing that is not lower
+            hill = flat.take(here + (dy * width + dx), mode="clip")
+            hill = np.where(wanted & np.uint8(1 << bit), hill, own)
+            at = np.flatnonzero((hill != own) & (hill != before))
+            a, b = own.take(at).astype(np.intp), hill.take(at).astype(np.intp)
             keys.append((np.minimum(a, b) - 1) * n + np.maximum(a, b) - 1)
-            levels.append(heights[at])
+            levels.append(level.take(at))
+            before = hill
     return np.concatenate(keys), np.concatenate(levels)
 
 

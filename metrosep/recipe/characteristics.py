@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from metrosep.separation.runs.base import ErrorEstimate
 
 _OF_FIT = "fit residual"
+_WIDER = 1.005
+"""A guard band over t_0.95 u beyond this is said: less is not seen in two decimals."""
 
 DECISION_RULE = (
     "accept if the value lies inside its limits by the guard band g = guard factor x U, reject if "
@@ -265,10 +267,10 @@ def _by_the_fit(
 ) -> tuple[float | None, float, Verdict, dict[str, Any]]:
     """Return U, guard factor, verdict and what to say, of a parameter of a fit without a stated U.
 
-    With U = "from fit" the guard band is t_0.95 u, one-sided, and U is k u with k of 95.45 %,
-    two-sided. A radius is judged by its curvature, which is normal where the radius is not.
+    With U = "from fit" the guard band is one-sided: t_0.95 u, or what the fit says that a verdict needs
+    (`FitResult.guard`). U is k u with k of 95.45 %, two-sided. A radius is judged by its curvature, which is normal where the radius is not.
     """
-    from metrosep.forms._correlated import expanding_factor, student
+    from metrosep.forms._correlated import PROVEN, expanding_factor, student
     from metrosep.forms.conic import curvature_name
 
     metric, factor = check["metric"], check.get("guard_factor", 1.0)
@@ -296,14 +298,21 @@ def _by_the_fit(
     if judged_by.u is None:
         why = f"the fit does not know the uncertainty of {metric}: state U"
         return None, factor, "inconclusive", {"reason": why, "u_source": _OF_FIT}
-    one, two = student(quantity.dof, 0.95), expanding_factor(quantity.dof)
-    verdict = decide(judged_by.value, **bounds, U=one * judged_by.u, guard_factor=factor)
+    one, two = student(quantity.dof, PROVEN), expanding_factor(quantity.dof)
+    band = one * judged_by.u if judged_by.guard is None else judged_by.guard
+    over_u = band / judged_by.u if judged_by.u > 0.0 else one
+    verdict = decide(judged_by.value, **bounds, U=band, guard_factor=factor)
     said = (
         f"U from the residual of this fit, k = {two:.2f}, {quantity.dof:.3g} degrees of freedom; "
         "scale, reference and repeatability are not in it"
     )
     U = None if quantity.u is None else two * quantity.u
-    return U, factor * one / two, verdict, {"u_source": _OF_FIT, "u_note": said, "k": two}
+    if over_u > _WIDER * one:
+        said += (
+            f"; the guard band is {over_u:.2f} u instead of {one:.2f} u, since the deviations may rise "
+            "towards waves longer than the map"
+        )
+    return U, factor * over_u / two, verdict, {"u_source": _OF_FIT, "u_note": said, "k": two}
 
 
 def _bent(

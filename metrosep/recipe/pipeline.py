@@ -446,6 +446,7 @@ def _form(obj: Measured, options: Mapping[str, Any], *, with_u: bool = True) -> 
     name = result.form.name
     u = result.u if with_u else dict.fromkeys(result.u_white, math.nan)
     dof = result.dof_effective if with_u else math.nan
+    guard = {k: v for k, v in result.guard.items() if np.isfinite(v)} if with_u else {}
     least = _sizes(obj)
     found = {
         k: Quantity(
@@ -456,6 +457,7 @@ def _form(obj: Measured, options: Mapping[str, Any], *, with_u: bool = True) -> 
             symbol=k,
             dof=dof if np.isfinite(dof) else None,
             u_source="fit residual",
+            guard=guard.get(k),
         )
         for k, v in u.items()
     }

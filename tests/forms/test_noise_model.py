@@ -7,7 +7,7 @@ from scipy.stats import t as student
 from metrosep import Profile, Surface
 from metrosep.core.errors import DataError
 from metrosep.forms import Plane, PointSet, Polynomial, Sphere, fit
-from metrosep.forms._correlated import COVERAGE, _of_mixture, expanding_factor
+from metrosep.forms._correlated import COVERAGE, _half_width, expanding_factor
 from metrosep.parameters import CorrelatedNoise, NoiseFromRepeats, WhiteNoise
 
 MM, NM = 1e-3, 1e-9
@@ -75,7 +75,7 @@ def test_u_of_a_mixture_holds_95_percent_and_of_nothing_is_nothing():
     """One of the columns has no deviation in any part, another in one part only."""
     weights, freedom = np.array([0.6, 0.4]), np.array([5.0, 12.0])
     sd = np.array([[0.0, 2.0, 0.0], [0.0, 3.0, 1.0]])
-    u = _of_mixture(weights, sd, freedom, 9)
+    u = _half_width(weights, sd, freedom, COVERAGE) / expanding_factor(9)
 
     assert u[0] == 0.0
     half = expanding_factor(9) * u[1:]

@@ -5,6 +5,7 @@ Noise is made here, by a convolution of our own; the scatter of fits over seeds 
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
 import metrosep as ms
 from metrosep.core.errors import MetrosepError
@@ -25,6 +26,7 @@ from metrosep.forms._correlated import _kept_surroundings
 
 NM = 1e-9
 STEP = 0.1e-3
+ROUNDING = 1e-9
 WIDE = 1.5
 """U over what a known correlation asks for: the polynomials beside a plane do not tell it from a spectrum
 that rises, which has the other half of the odds."""
@@ -147,7 +149,7 @@ def test_u_of_spectra_that_rise_beyond_the_map_is_as_wide_as_the_tilts_scatter(B
     at = STEP * (np.arange(n) - 0.5 * (n - 1))
     weights[:n, :n] = at / (n * (at @ at))
     scatter = np.sqrt(np.sum(np.abs(np.fft.fft2(weights)) ** 2 * f**-B) / wide**2)
-    ratios, covered = [], []
+    ratios, covered, false = [], [], []
     for seed in range(60):
         noise = np.fft.fft2(np.random.default_rng([seed, 7]).standard_normal((wide, wide)))
         z = np.fft.ifft2(noise * f ** (-0.5 * B)).real[:n, :n]
@@ -156,9 +158,31 @@ def test_u_of_spectra_that_rise_beyond_the_map_is_as_wide_as_the_tilts_scatter(B
             U = found.coverage_factor * found.u[name]
             ratios.append(U / (2 * NM * scatter))
             covered.append(abs(found.params[name]) <= U)
+            # either sign passes a part on its limit that has the other
+            false.append(0.5 * (abs(found.params[name]) > found.guard[name]))
 
     assert 0.9 < np.median(ratios) < WIDE  # of 60 maps known to 0.05
     assert np.mean(covered) >= 0.86  # 0.91 to 0.95 of many, less two standard errors
+    assert np.mean(false) <= 0.05 + 2 * FALSE
+
+
+FALSE = 0.015
+"""Standard error of false accepts of 5 %: two tilts of 60 maps, either of which may pass on one side."""
+
+
+def test_guard_is_that_of_student_unless_the_deviations_may_rise_beyond_the_map():
+    smooth, rough = (
+        fit(surface(10 * NM * correlated(np.random.default_rng(3), 64, s)), Plane())
+        for s in (8, 2)
+    )
+    for found, widest in ((smooth, 1.0), (rough, 2.5)):
+        over = [
+            found.guard[k] / (float(stdtrit(found.dof_effective, 0.95)) * found.u[k])
+            for k in ("tilt_x", "tilt_y")
+        ]
+        assert min(over) >= 1.0 - ROUNDING
+        assert max(over) <= widest + ROUNDING
+    assert max(over) > 1.05  # 2 pixels of 64: the polynomials hardly distinguish it from a rise
 
 
 def test_u_does_not_depend_on_the_maps_that_were_fitted_before():

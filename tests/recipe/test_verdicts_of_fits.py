@@ -78,6 +78,11 @@ def test_a_good_part_passes_with_the_uncertainty_of_the_fit_and_says_what_it_res
     assert entry["u_source"] == "fit residual"
     assert "scale, reference and repeatability are not in it" in entry["u_note"]
     assert entry["U"] > 2.0 * entry["u"]
+    found = ms.forms.fit(ms.read(tmp_path / "part.h5"), ms.forms.form_from_text("sphere"))
+    # a radius is judged by its curvature
+    assert entry["guard_factor"] * found.coverage_factor * found.u["c"] == pytest.approx(
+        found.guard["c"], rel=1e-9, abs=0.0
+    )
 
 
 def test_the_command_line_says_what_to_write(tmp_path, capsys):
