@@ -184,3 +184,51 @@ def test_motions_that_show_nothing_say_nothing_of_others():
     want = np.diff(_lack_of_fit._SMALLER, prepend=0.0)
     nodes = 1e-3  # cut at 4 deviations
     assert np.append(got[0], got[1:].reshape(3, -1).sum(axis=0)) == pytest.approx(want, abs=nodes)
+
+
+def test_curves_drawn_from_the_law_are_within_2_u_as_often_as_2_u_says():
+    """One motion at 41 places there and back: wide where it ends at its orders, narrow where it hardly shows.
+
+    On average over the law that is assumed 2 u hold what they say; a machine that ends is its narrow corner.
+    """
+    first, top, places = 5, 66, np.linspace(-1.0, 1.0, 41)
+    x = np.append(places, places[::-1])
+    n = np.arange(first, top + 1.0)
+    sizes = np.stack([np.sqrt(2 * n + 1) * (n / n[0]) ** -fall for fall in (0, 1, 2)])
+    A = np.polynomial.legendre.legvander(x, top)
+    Z, H = A[:, :first], A[:, first:]
+    at = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, 101), top)
+    at = at - np.polynomial.legendre.legvander([-0.6], top)  # home
+    V, own = np.eye(x.size), [np.arange(n.size)]
+    W = np.diag(np.ones(x.size)) - Z @ np.linalg.pinv(Z)
+    S, C = H.T @ W @ H, np.linalg.inv(Z.T @ Z)
+    base = np.linalg.slogdet(V)[1] - np.linalg.slogdet(C)[1]
+
+    def found_of(y):
+        case = _Case(
+            base, float(y @ W @ y), x.size - first, S, H.T @ W @ y, np.diag(H.T @ H),
+            C @ Z.T @ H, np.zeros(first), 1e-9, False, True, C,
+        )  # fmt: skip
+        return _Curves([case], [sizes], own)
+
+    law = found_of(np.ones(x.size))
+    before = np.exp(-0.5 * law._before(0, (0,)))
+    rng = np.random.default_rng(5)
+    held, square, ends = [], [], []
+    for _ in range(300):
+        chosen = int(rng.choice(CHOICES, p=before / before.sum()))
+        g = law.scale(0, (chosen,)) * rng.normal(size=n.size)
+        y = H @ g + rng.normal(size=x.size)
+        mean, cov = found_of(y).moments()
+        off = at @ np.append(C @ Z.T @ y + mean[:first], mean[first:] - g)
+        u = np.sqrt(np.einsum("ij,jk,ik->i", at, cov, at))
+        held.append(np.mean(np.abs(off) <= 2.0 * u))
+        square.append((np.mean(off**2), np.mean(u**2)))
+        ends.append(chosen == 0)
+    held, ends, (off2, u2) = np.array(held), np.array(ends), np.array(square).T
+    print(
+        f"{held.mean():.3f}; ends: {held[ends].mean():.3f}, {np.sqrt(u2[ends].mean() / off2[ends].mean()):.2f}"
+    )
+    doubt = held.std() / np.sqrt(held.size)  # what one machine says of its places is alike
+    assert held.mean() == pytest.approx(0.954, abs=3.0 * doubt)
+    assert held[ends].mean() > held[~ends].mean()
