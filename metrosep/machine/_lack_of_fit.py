@@ -352,6 +352,12 @@ _SMALLER = 1.0 / np.sqrt(1.0 + 1.0 / _EDGES)
 """How likely a curve is smaller than that before: root of level / (1 + level), the share that it has in the root
 mean square, may be anything from 0 to 1 alike. A machine ends at no order, so it has no point of its own.
 Of the mean square alike, small curves are too rare before and u too large (Gelman, Bayesian Analysis 1 (2006) 515)."""
+_ALIKE, _SCORES = (np.arange(5) + 0.5) / 5.0, np.linspace(-4.0, 4.0, 33)
+"""Correlation of the normal scores of the shares of two motions, anything from 0 to 1 alike before: how far one
+goes on says of the others what all of them together say. And the nodes of the score that all have in common."""
+_FARTHEST = 4
+"""Times the first further harmonic, at least: few places of a turn fold what is beyond onto what was fitted. Of the
+square of a curve with corners (s = 2) 1 / 4^3 is left out then, at the 7 harmonics of 8 places it was a fifth."""
 _COLUMNS = 300
 """Further orders of all terms together, at most: the cost rises with their square."""
 _SHOWN = 1e-4
@@ -462,7 +468,7 @@ def _joined(first: Basis, more: Basis) -> Basis:
 
 
 def _further(problem: Problem) -> dict[str, Basis]:
-    """Return by term the orders beyond those fitted: enough to follow a jump between two of its places."""
+    """Return by term the orders beyond those fitted: enough to follow a jump between two places, and as many as matter."""
     wanted = {}
     for name, basis in problem.bases.items():
         if basis.kind == "constant":
@@ -474,7 +480,9 @@ def _further(problem: Problem) -> dict[str, Basis]:
             continue
         # Legendre polynomials are coarser in the middle by pi/2; harmonics come in pairs
         n = 1.6 * np.unique(np.round(places, 9)).size
-        wanted[name] = n / 2.0 if basis.kind == "fourier" else n
+        if basis.kind == "fourier":
+            n = max(n / 2.0, _FARTHEST * (max(basis.orders) + 1))
+        wanted[name] = n
     total = sum(2.0 * n if problem.bases[t].kind == "fourier" else n for t, n in wanted.items())
     share = min(1.0, _COLUMNS / total) if total else 1.0
     found = {}
@@ -594,7 +602,7 @@ class _Part:
     case: _Case
     S: FloatArray
     s: FloatArray
-    base: float  # -2 log likelihood, and of the chance before, that the others bring
+    base: float  # -2 log likelihood that the others bring
     taken: float  # of the square, by the others
 
     def at(self, taken: FloatArray, logs: FloatArray) -> FloatArray:
@@ -610,7 +618,7 @@ class _Part:
         z, logs, _ = _solved(self.S, d, self.s)
         return float(self.at(z @ z, logs))
 
-    def without(self, d: FloatArray, out: slice, kept: slice, before: float) -> _Part:
+    def without(self, d: FloatArray, out: slice, kept: slice) -> _Part:
         """Return the orders that are kept, those that are out eliminated at their standard deviations."""
         across = np.column_stack([self.S[out, kept], self.s[out]])
         Z, logs, _ = _solved(self.S[out, out], d, across)
@@ -619,7 +627,7 @@ class _Part:
             self.case,
             self.S[kept, kept] - Z.T @ Z,
             self.s[kept] - Z.T @ z,
-            float(self.base + before + logs),
+            float(self.base + logs),
             self.taken + float(z @ z),
         )
 
@@ -648,15 +656,26 @@ class _Curves:
     ) -> None:
         self.cases, self.sizes, self.groups = cases, sizes, groups
         self.shown = np.array([c.shown for c in cases])
-        before = np.repeat(np.diff(_SMALLER)[None] / len(_FALLS), len(_FALLS), axis=0).ravel()
-        self.before = -2.0 * np.log(np.append(_SMALLER[0], before))
+        self.alike, self.common = _alike_sizes()
         self.tops = np.array(
             [[[self._top(case, own, R) for R in listed] for own, listed in zip(groups, sizes, strict=True)]
              for case in cases]
-        )  # fmt: skip
+        ).reshape(len(cases), len(groups), len(_FALLS))  # fmt: skip
         self._scales = [
             [self._choices(*each) for each in zip(of, sizes, strict=True)] for of in self.tops
         ]
+        # of others nothing shows any order
+        self.seen = np.flatnonzero(self.tops.any(axis=(0, 2))).tolist()
+
+    def _before(self, g: int, chosen: Sequence[int]) -> FloatArray:
+        """Return -2 log of the chance before of the choices of one group, given those of the others."""
+        others = np.array([chosen[i] for i in self.seen if i != g], dtype=np.intp) - 1
+        levels = np.where(others < 0, 0, others % _LEVELS.size + 1)
+        falls = 1.0 + np.bincount(others[others >= 0] // _LEVELS.size, minlength=len(_FALLS))
+        likely = self.common * np.prod(self.alike[:, levels], axis=1)
+        size = likely @ self.alike / likely.sum()
+        found = np.append(size[0], np.multiply.outer(falls / falls.sum(), size[1:]))
+        return np.asarray(-2.0 * np.log(found))
 
     @staticmethod
     def _top(case: _Case, own: NDArray[np.intp], R: FloatArray) -> float:
@@ -683,10 +702,9 @@ class _Curves:
         return found
 
     def value(self, k: int, chosen: _Chosen) -> float:
-        """Return -2 log of the likelihood and of the chance before."""
+        """Return -2 log of the likelihood."""
         case, d = self.cases[k], self.scale(k, chosen)
-        before = float(self.before[list(chosen)].sum())
-        return _Part(case, case.S, case.s, case.base + before, 0.0).value(d)
+        return _Part(case, case.S, case.s, case.base, 0.0).value(d)
 
     def _whole(self, k: int, order: Sequence[int]) -> _Part:
         """Return all groups, one after the other, none eliminated."""
@@ -697,14 +715,13 @@ class _Curves:
         """Return `value` for all choices of the first group of an order, the others as they are chosen."""
         d, m = self._scale(k, order[1:], chosen), self.groups[order[0]].size
         if not np.isfinite(d).all():
-            return np.full(self.before.size, math.inf)
-        before = float(self.before[[chosen[g] for g in order[1:]]].sum())
-        part = self._whole(k, order).without(d, slice(m, None), slice(m), before)
-        return self.of_group(k, order[0], part)
+            return np.full(1 + len(_FALLS) * _LEVELS.size, math.inf)
+        part = self._whole(k, order).without(d, slice(m, None), slice(m))
+        return self.of_group(k, order[0], part, self._before(order[0], chosen))
 
-    def of_group(self, k: int, g: int, part: _Part) -> FloatArray:
-        """Return `value` for all choices of one group, where the others are eliminated."""
-        found = np.full(self.before.size, math.inf)
+    def of_group(self, k: int, g: int, part: _Part, before: FloatArray) -> FloatArray:
+        """Return `value` and -2 log of the chance before for all choices of a group, the others eliminated."""
+        found = np.full(1 + len(_FALLS) * _LEVELS.size, math.inf)
         found[0] = part.at(np.zeros(()), np.zeros(()))
         shown = self.tops[k, g] > 0.0
         if shown.any():
@@ -716,14 +733,14 @@ class _Curves:
             taken = ((size / grown) @ p**2)[..., 0]
             values = part.at(taken, np.log(grown).sum(axis=-1))
             found[1:].reshape(len(_FALLS), -1)[shown] = values
-        return np.asarray(found + self.before)
+        return np.asarray(found + before)
 
     def all_choices(self) -> dict[tuple[int, _Chosen], float]:
         """Return how likely each choice is, of one group, or of none that shows."""
         found: dict[tuple[int, _Chosen], float] = {}
         for k in range(len(self.cases)):
             if len(self.groups) == 1:
-                listed = self.of_group(k, 0, self._whole(k, [0])).tolist()
+                listed = self.of_group(k, 0, self._whole(k, [0]), self._before(0, (0,))).tolist()
                 found |= {(k, (i,)): value for i, value in enumerate(listed)}
             else:
                 none = (0,) * len(self.groups)
@@ -739,8 +756,7 @@ class _Curves:
         rng = np.random.default_rng(_SEED)
         n, k = len(self.groups), 0
         chosen = [0] * n
-        drawn = np.flatnonzero(self.tops.any(axis=(0, 2)))  # of the others nothing shows any order
-        drawn = drawn if drawn.size > 1 else np.arange(n)
+        drawn = self.seen if len(self.seen) > 1 else [*range(n)]
         likely, seen = np.arange(len(self.cases)), np.zeros(len(self.cases))
         found: dict[tuple[int, _Chosen], float] = {}
         for sweep in range(-_SETTLING, _DRAWS):
@@ -780,7 +796,7 @@ class _Curves:
         less than three decompositions of the whole.
         """
         if len(order) == 1:
-            w = _chances(self.of_group(k, order[0], part))
+            w = _chances(self.of_group(k, order[0], part, self._before(order[0], chosen)))
             chosen[order[0]] = _picked(w, rng)
             return
         half = len(order) // 2
@@ -795,8 +811,7 @@ class _Curves:
         first, second = (order[:half], slice(m)), (order[half:], slice(m, None))
         for (mine, kept), (rest, out) in ((first, second), (second, first)):
             d = self._scale(k, rest, chosen)
-            before = float(self.before[[chosen[g] for g in rest]].sum())
-            self._draw(k, mine, part.without(d, out, kept, before), chosen, rng)
+            self._draw(k, mine, part.without(d, out, kept), chosen, rng)
 
     def _given(self, k: int, chosen: _Chosen) -> tuple[float, FloatArray, FloatArray]:
         """Return the variance of the noise, mean and upper half of the covariance of all further orders."""
@@ -855,6 +870,16 @@ class _Curves:
         for variance, case in zip(variances, self.cases, strict=True):
             cov[:r, :r] += variance * case.cov
         return mean, cov
+
+
+def _alike_sizes() -> tuple[FloatArray, FloatArray]:
+    """Return chances of no curve and each level, by correlation and common score of all motions; and of these."""
+    from scipy.special import ndtr, ndtri
+
+    rho, m = (v.ravel()[:, None] for v in np.meshgrid(_ALIKE, _SCORES))
+    below = ndtr((ndtri(_SMALLER) - np.sqrt(rho) * m) / np.sqrt(1.0 - rho))
+    w = np.exp(-0.5 * m[:, 0] ** 2)
+    return np.diff(below, axis=1, prepend=0.0), w / w.sum()
 
 
 def _picked(w: FloatArray, rng: np.random.Generator) -> int:

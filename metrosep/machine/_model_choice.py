@@ -203,7 +203,7 @@ def factors_of_sets(problem: Problem, system: System, fit: Fit) -> list[str]:
         rest = np.delete(np.arange(y.size), mine)
         listed = [np.arange(at.start, at.stop) for at in problem.unknown_at[k].values()]
         own = np.concatenate([np.zeros(0, dtype=np.intp), *listed])
-        if mine.size < own.size + _FEWEST or not rest.size:
+        if mine.size < own.size + _FEWEST or not rest.size or _stands(problem.sets[k]):
             continue
         # what the others show beyond their noise (weighted: 1) foretells; all else is fitted, so left out
         U, singular, W = np.linalg.svd(X[rest], full_matrices=True)
@@ -343,6 +343,32 @@ def lines_left(problem: Problem, system: System, fit: Fit) -> list[str]:
     return said
 
 
+def _stands(reading: ReadingSet) -> bool:
+    """Return whether all readings of a set are of one pose."""
+    return all(float(np.ptp(np.asarray(v))) <= 1e-9 for v in reading.q.values())
+
+
+def channels_that_stand(sets: Sequence[ReadingSet], labels: Sequence[str]) -> list[str]:
+    """Return a sentence for each channel that reads one value at many poses, where other readings vary."""
+    said, varies = [], False
+    for reading, label in zip(sets, labels, strict=True):
+        values = np.asarray(reading.values)
+        if _stands(reading) or values.shape[0] < _PASTED:
+            continue
+        for c, column in enumerate(values.T):
+            seen = column[np.isfinite(column)]
+            if seen.size < _PASTED or np.ptp(seen) > 0.0:
+                varies |= seen.size > 1
+                continue
+            channel = f" in {'xyz'[c]}" if values.shape[1] > 1 else ""
+            unit = "rad" if reading.instrument.is_angle else "m"
+            said.append(
+                f"{label}: its readings{channel} are {format_engineering(float(seen[0]), unit)} at all poses, others "
+                "vary; check the column and the probe: a display that stands tells no noise, so u does not contain it"
+            )
+    return said if varies else []
+
+
 def sets_that_add_nothing(problem: Problem, system: System) -> list[str]:
     """Return a sentence for each set whose own unknowns take all of it, or which stands at one pose."""
     said, begin = [], 0
@@ -355,11 +381,7 @@ def sets_that_add_nothing(problem: Problem, system: System) -> list[str]:
             U, singular, _ = np.linalg.svd(X[:, own] / system.sizes[own], full_matrices=False)
             U = U[:, singular > _ROUNDING * singular.max(initial=0.0)]
             A = A - U @ (U.T @ A)
-        n = np.asarray(problem.sets[k].values).shape[0]
-        places = [
-            np.broadcast_to(np.ravel(np.asarray(v)), (n,)) for v in problem.sets[k].q.values()
-        ]
-        alone = all(float(np.ptp(v)) <= 1e-9 for v in places)
+        n, alone = np.asarray(problem.sets[k].values).shape[0], _stands(problem.sets[k])
         where = "its only pose" if n == 1 else f"all its {n} readings at one pose"
         if float(np.linalg.norm(A)) <= _ROUNDING * float(np.linalg.norm(X / system.sizes)):
             names = " and ".join(problem.sets[k].unknown) or "nothing"
@@ -390,7 +412,7 @@ def tools_else(
     rest, Z = system.y - system.design @ fit.beta, system.design
     said = []
     for k, reading in enumerate(problem.sets):
-        if reading.instrument.is_angle or not problem.unknown_at[k]:
+        if reading.instrument.is_angle or not problem.unknown_at[k] or _stands(reading):
             continue
         at = [
             problem.with_tool(k, current[k], beta, way * _ASIDE * e)

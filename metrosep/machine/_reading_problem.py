@@ -785,8 +785,13 @@ def _groups(sets: Sequence[ReadingSet]) -> list[tuple[int, tuple[int, ...]]]:
     """Return the series that share a scale of noise: their set, and their columns of its readings."""
     found: list[tuple[int, tuple[int, ...]]] = []
     for k, reading in enumerate(sets):
-        counts = np.isfinite(np.asarray(reading.values)).sum(axis=0)
-        if reading.u is None and counts.min() >= _OWN_NOISE:
+        values = np.asarray(reading.values)
+        counts = np.isfinite(values).sum(axis=0)
+        # a channel that stands has no noise of its own to learn: it would outweigh all others
+        own = counts.min() >= _OWN_NOISE and bool(
+            (np.nanmax(values, 0) > np.nanmin(values, 0)).all()
+        )
+        if reading.u is None and own:
             found += [(k, (c,)) for c in range(counts.size)]
         else:
             found.append((k, tuple(range(counts.size))))

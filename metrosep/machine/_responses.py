@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError
 from metrosep.machine._mesh import Positions, SurfaceMesh, axis_positions
+from metrosep.machine._reading_problem import NULL
 from metrosep.machine.alignment import ZERNIKES, Alignment, freedom_maps
 from metrosep.machine.error_sets import ErrorSet
 from metrosep.machine.gram import AlignedGram, together
@@ -234,9 +235,6 @@ class MapMaker:
 
 # ---- least squares of terms and freedoms at points: what is determined, alone or together ------
 
-_DETERMINED = 1e-7
-"""Of the largest singular value: below, a direction is rounding."""
-
 OWN = 1e-6
 """Of the size of a column: what others leave of it is rounding."""
 
@@ -291,7 +289,7 @@ class Solver:
         sizes = np.sqrt(np.diag(matrix))
         aligned = self.space.remove(self.maps[:, visible]) / sizes
         _, singular, directions = np.linalg.svd(np.linalg.qr(aligned, mode="r"))
-        blind = directions[singular <= _DETERMINED * singular[0]]
+        blind = directions[singular <= NULL * singular[0]]
         set_ = object.__setattr__
         set_(self, "visible", visible)
         set_(self, "sizes", sizes)
@@ -337,7 +335,7 @@ class Solver:
         if not used.all():
             design = design - basis @ (basis.T @ design)
         U, singular, directions = np.linalg.svd(design, full_matrices=False)
-        good = singular > _DETERMINED * singular[0]
+        good = singular > NULL * singular[0]
         terms = U[:, good] @ (directions[good] / singular[good][:, None])
         inverse = np.linalg.pinv(columns / sizes).T / sizes
         maps = self.maps[used][:, self.visible] / self.sizes

@@ -235,6 +235,10 @@ def _column(values: ArrayLike, name: str, n: int) -> FloatArray:
     return found
 
 
+_ALIKE = 1e-3
+"""Of the changes of a sensor: two that differ by less are one, since no gain is known to a thousandth."""
+
+
 class Inputs:
     """Columns of all sensors behind lags, made when they are asked for."""
 
@@ -243,10 +247,27 @@ class Inputs:
         self._made: dict[tuple[str, float], FloatArray] = {}
         still = [n for n, v in record.temperatures.items() if np.ptp(v[record.known]) <= 0.0]
         record.messages += [f"{name} did not change and takes no part" for name in still]
-        self.sensors = [n for n in record.temperatures if n not in still]
+        self.sensors = self._told_apart([n for n in record.temperatures if n not in still])
         self.smooth = {n: _smoothed(record.t, record.temperatures[n]) for n in self.sensors}
         if not self.sensors:
             raise DataError("no temperature changed: nothing can be learnt of what it does")
+
+    def _told_apart(self, names: Sequence[str]) -> list[str]:
+        """Return sensors without those that change as an earlier one does, which are named."""
+        found: list[str] = []
+        for name in names:
+            mine = self.record.temperatures[name][self.record.known]
+            for first in found:
+                other = self.record.temperatures[first][self.record.known]
+                if np.std(mine - other) <= _ALIKE * np.std(other):
+                    self.record.messages.append(
+                        f"{name} changes as {first} does and takes no part: what is said of {first} may be of either; "
+                        "check the wiring and the columns"
+                    )
+                    break
+            else:
+                found.append(name)
+        return found
 
     def __getitem__(self, key: tuple[str, float]) -> FloatArray:
         if key not in self._made:

@@ -32,6 +32,7 @@ from metrosep.machine._drift_noise import (
 )
 from metrosep.machine._lack_of_fit import beyond_orders, lack_of_fit
 from metrosep.machine._model_choice import (
+    channels_that_stand,
     exchanged_channels,
     factors_of_sets,
     harmonics_alike,
@@ -441,6 +442,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     ]
     messages += harmonics_alike(problem)
     messages += sets_that_add_nothing(problem, system)
+    messages += channels_that_stand(sets, problem.labels)
     if not exchanged:  # else what is left is the exchange
         messages += lines_left(problem, system, fit)
         lacks, judged = lack_of_fit(problem, current, found.good)

@@ -154,7 +154,7 @@ def identify(
     Notes
     -----
     Least squares over the points, each with equal weight, on maps scaled to unit size; directions
-    below 1e-7 of the largest singular value are not determined, and terms with a part in them are
+    below 1e-5 of the largest singular value are not determined (as in `calibrate`), and terms with a part in them are
     reported together. Uncertainties come from the residual. Of a map, the likeness of points over
     their distance is modelled by white noise and Gaussian bells of growing width, fitted to the
     sums of products of the residual, with what the fit took away accounted for; the covariance of

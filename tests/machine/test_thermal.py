@@ -497,3 +497,22 @@ def test_a_clock_that_falls_is_named_with_its_reading():
     t = np.array([0.0, 60.0, 120.0, 0.0, 60.0])
     with pytest.raises(InvalidSamplesError, match="from 120 s to 0 s at reading 4"):
         fit_thermal(t, {"nose": np.full(5, 294.0)}, {"EZZ": np.zeros(5)})
+
+
+def test_two_sensors_that_read_the_same_are_named_and_one_of_them_is_used():
+    """A copied column takes no part with a sentence: it was left out without one."""
+    t, sensors, z, _ = day(np.random.default_rng(3))
+    twice = {n: sensors[n] for n in ("nose", "room")} | {"spare": sensors["nose"] + 1.5}
+    found, alone = (
+        fit_thermal(t, listed, {"EZZ": z})
+        for listed in (twice, {n: twice[n] for n in ("nose", "room")})
+    )
+    assert any(
+        m.startswith("spare changes as nose does and takes no part") for m in found.messages
+    )
+    assert "spare" not in found.terms["EZZ"].sensors
+    # and it costs the others nothing
+    at = {n: v[::60] for n, v in twice.items()}
+    u = [f.terms["EZZ"].sd(at, t[::60], beyond="nan") for f in (found, alone)]
+    rounding = 1e-15
+    assert u[0] == pytest.approx(u[1], abs=rounding, nan_ok=True)

@@ -205,3 +205,30 @@ def test_a_tracker_far_from_its_stated_station_is_found(away, terms):
 def test_lengths_that_no_station_explains_are_refused_by_the_name_of_their_set(factor):
     with pytest.raises(DataError, match=r"tracker 2: there is no station .* unit and the sign"):
         lengths(factor)
+
+
+def test_a_channel_that_stands_is_named_and_does_not_outweigh_the_others():
+    """A column of one value (a probe that was never connected) was taken for a reading without noise."""
+    listed = [set_of(), set_of(name="ball 2", noise=0.12 * UM)]
+    values = np.array(listed[0].values)
+    values[:, 0] = -26.103 * UM
+    stands = dataclasses.replace(listed[0], values=values)
+    found = calibrate(presets("five_axis", pivot_height=PIVOT), [stands, listed[1]], terms=TERMS)
+    said = " ".join(found.messages)
+    assert "ball 1: its readings in x are -26.1 um at all poses" in said
+    # no number better than the noise of 144 poses, 0.1 um each, could make it
+    assert found["X0C"].u > 0.1 * UM / math.sqrt(144)
+    right = calibrate(presets("five_axis", pivot_height=PIVOT), listed, terms=TERMS)
+    assert "at all poses" not in " ".join(right.messages)
+
+
+def test_a_set_at_one_pose_is_said_to_add_nothing_and_not_judged_by_a_tool_or_a_unit():
+    rng = np.random.default_rng(5)
+    listed = [set_of(), set_of(name="ball 2", noise=0.12 * UM)]
+    q = {a: np.full(60, np.ravel(v)[7]) for a, v in listed[0].q.items()}
+    values = np.asarray(listed[0].values)[7] + 0.1 * UM * rng.normal(size=(60, 3))
+    alone = dataclasses.replace(listed[0], q=q, values=values, name="ball 3")
+    found = calibrate(presets("five_axis", pivot_height=PIVOT), [*listed, alone], terms=TERMS)
+    of_it = [m for m in found.messages if m.startswith("ball 3")]
+    assert any("adds nothing" in m for m in of_it)
+    assert not any("tool point" in m or "times what the other sets" in m for m in of_it)
