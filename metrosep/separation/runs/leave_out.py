@@ -134,7 +134,7 @@ def scatter_of_places(
         return _unknown()
     # A run that is displaced moves what it is held against, the others: by 1/(n - 1) of it.
     seen = shift.size / (shift.size - 1.0)
-    sizes = np.append(0.0, _sizes([(shift[own], variance[own]) for own in groups]))
+    sizes = np.append(0.0, _sizes(_beyond([(shift[own], variance[own]) for own in groups])))
     size2 = (seen * sizes[:, None]) ** 2
     logs = np.zeros(sizes.size)
     for own in groups:
@@ -170,26 +170,30 @@ def scatter_of_places(
 
 def _unknown() -> Displacement:
     """Return the displacement of runs of which nothing is known: none, or any that is likely before."""
-    sizes = _sizes([])
+    sizes = _sizes()
     chances = np.append(0.5, np.full(sizes.size, 0.5 / sizes.size))
     return Displacement(places=(np.append(0.0, sizes), chances))
 
 
-def _sizes(groups: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
-    """Return the sizes that are looked at, m, of the shifts and their variances at each feedrate."""
+def _sizes(beyond: float = 0.0) -> FloatArray:
+    """Return the sizes that are looked at, m, where so much of the variance is not explained, m^2."""
+    most = max(_MOST, _BEYOND * math.sqrt(beyond))
+    steps = math.ceil(_PER_DECADE * math.log10(most / _LEAST) - 1e-9)
+    return np.asarray(_LEAST * 10.0 ** (np.arange(steps + 1) / _PER_DECADE))
+
+
+def _beyond(groups: Sequence[tuple[FloatArray, FloatArray]]) -> float:
+    """Return by how much the shifts at each feedrate scatter more than their variances explain, m^2."""
     from scipy.stats import chi2
 
-    squares, weights, freedom = 0.0, 1e-300, 0
+    squares, weights, freedom = 0.0, 0.0, 0
     for shift, variance in groups:
         w = 1.0 / variance
         away = shift - float(w @ shift) / float(w.sum())
         squares += float(w @ away**2)
         weights += float(w @ (1.0 - w / w.sum()))
         freedom += shift.size - 1
-    beyond = max(squares - float(chi2.isf(_BY_CHANCE, max(freedom, 1))), 0.0) / weights
-    most = max(_MOST, _BEYOND * math.sqrt(beyond))
-    steps = math.ceil(_PER_DECADE * math.log10(most / _LEAST) - 1e-9)
-    return np.asarray(_LEAST * 10.0 ** (np.arange(steps + 1) / _PER_DECADE))
+    return max(squares - float(chi2.isf(_BY_CHANCE, freedom)), 0.0) / weights
 
 
 def run_scores(model: Model, named: Sequence[int] = ()) -> list[RunScore]:
