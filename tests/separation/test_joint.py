@@ -287,6 +287,25 @@ def test_a_slip_that_the_noise_model_has_taken_for_a_line_at_each_feedrate_is_in
     assert np.mean((error / (1e9 * estimate.sd(at * 1e-3))) ** 2) < 3.0
 
 
+@pytest.mark.parametrize("seed", [9_500_000, 9_500_001])
+def test_runs_that_lie_apart_turn_their_waves_about_nothing_and_do_not_take_them_away(seed):
+    """Places that scatter by 1 mm turn a lead of 12 mm by 0.5 rad: each run shows another phase of it.
+
+    For a slip of 300 nm these phases lie on a circle about nothing, so all of the lead would be that: 210 and
+    220 nm of error in bands of 12 and 10 nm.
+    """
+    measured = simulate(replace(BASE, displaced_mm=1.0), seed)
+    estimate = metrosep_joint(measured.runs, 45.0)
+
+    assert any(abs(slip["wavelength_mm"] - 12.0) < 0.1 for slip in estimate.audit["slip"])
+    at = np.linspace(0.0, 45.0, 301)
+    error = estimate.evaluate(at * 1e-3) * 1e9 - measured.truths[1](at)
+    error -= np.polynomial.Polynomial.fit(at, error, 1)(at)
+    # a mean of nine places is off by 1/3 mm, which is 52 nm of the lead (RMS)
+    assert np.sqrt(np.mean(error**2)) < 2.0 * 52.0
+    assert np.mean((error / (1e9 * estimate.sd(at * 1e-3))) ** 2) < 3.0
+
+
 def test_a_vibration_of_the_wavelengths_of_one_wave_is_no_slip_if_every_feedrate_has_it():
     """7.5 Hz, twice, and thrice at 2:3:4 times 40 mm/s: at each feedrate one falls on the same length."""
     shaking = tuple(Mode(hz, 0.01, 100.0) for hz in (15.0, 22.5, 30.0))

@@ -15,6 +15,7 @@ from acceptance.coverage.machine import Mode, oscillator
 from scipy.fft import dct
 from scipy.integrate import quad
 from scipy.signal import lfilter
+from scipy.special import i0e
 from scipy.stats import cauchy, invgamma, norm, t as student
 
 from metrosep.core.errors import DegenerateFitError
@@ -546,37 +547,54 @@ class DrawnSlip:
     """Draws of what repeats and of the size of what slips, with their chances; phases are summed over.
 
     Before: kappa 1 or a half, a quarter and so on down to the noise, ln Lambda flat over some room, c of
-    0 to 1 of what slips, and beside c what the spectrum has.
+    0 to 1 of what slips, and beside c what the spectrum has. Or nothing slips, and turns of the runs
+    (three sizes, each over its step of the logarithm) leave one circle about nothing.
     """
 
-    def __init__(self, rng, reads, noise, middle, spread, count, beside=0.0):
+    def __init__(self, rng, reads, noise, middle, spread, count, *, beside=0.0, turns=None):
         weights = 1.0 / (np.median(noise) + np.asarray(noise))
         away = reads - weights @ reads / weights.sum()
         size = 0.5 * weights @ np.sum(away**2, axis=1) / weights.sum()
         size *= len(reads) / (len(reads) - 1.0)
         halves = 2 + math.ceil(0.5 * math.log2(size / np.median(noise)))
         room = 1.0 + 3.0 / math.sqrt(len(reads) - 1.0)
-        self.kappa = np.where(rng.random(count) < 0.5, 1.0, 0.5 ** rng.integers(1, halves, count))
+        kappa = 0.5 ** rng.integers(1, halves, count)
         self.size = size * np.exp(rng.uniform(-room, room, count))
         before = beside + (0.25 * rng.integers(0, 5, count)) ** 2 * self.size
-        self.share = beside / np.maximum(before, 1e-9)  # of the spectrum in the sum
         some = before > 0.0
         self.sum = some * (middle + spread * rng.normal(size=(2, count)))
-        before = np.maximum(before, 1e-9)
         drawn = 0.5 * np.sum((self.sum - middle) ** 2, axis=0) / spread**2
-        drawn -= 0.5 * np.sum(self.sum**2, axis=0) / before + np.log(before / spread**2)
+        drawn -= 0.5 * np.sum(self.sum**2, axis=0) / np.maximum(before, 1e-9)
+        drawn -= np.log(np.maximum(before, 1e-9) / spread**2)
         self.logs = np.where(some, drawn, 0.0)
+        self.turned = (rng.random(count) < 0.5) & (turns is not None)
+        kappa = np.where(self.turned | (rng.random(count) < 0.5), kappa, 1.0)
+        kappa = np.where(self.turned, 0.5 ** rng.integers(1, halves, count), kappa)
+        self.scatter = kappa**2 * self.size
+        self.radius = np.sqrt(2.0 * (self.size - ~self.turned * self.scatter))
+        self.angle = rng.uniform(0.0, 2.0 * np.pi, count)
+        self.phases = np.zeros(count)
+        if turns is not None:
+            at = rng.choice(len(turns[0]), count, p=turns[1])
+            step = math.log(turns[0][-1] / turns[0][1]) / (len(turns[0]) - 2.0)
+            turn = np.array(turns[0])[at] * np.exp(step * rng.uniform(-0.5, 0.5, count))
+            self.logs = np.where(self.turned, np.where(at > 0, 0.0, -1e9), self.logs)
+            self.phases = np.where(self.turned, 1.0 / np.maximum(turn, 0.1) ** 2, 0.0)
+            own = self.radius * np.array([np.cos(self.angle), np.sin(self.angle)])
+            self.sum = np.where(self.turned, own, self.sum)
+            before = np.where(self.turned, beside + self.size, before)
+        self.share = beside / np.maximum(before, 1e-9)  # of the spectrum in the sum
 
     def shown(self, pairs, noise):
         """Take what a run shows, shape (2, n), its noise (2, 2)."""
-        covariance = noise + (self.kappa**2 * self.size)[:, None, None] * np.eye(2)
-        inverse = np.linalg.inv(covariance)
-        radius = np.sqrt(2.0 * self.size * (1.0 - self.kappa**2))
+        inverse = np.linalg.inv(noise + self.scatter[:, None, None] * np.eye(2))
+        centre = np.where(self.turned, 0.0, self.sum)
         total = 0.0
         for phase in np.arange(80) * np.pi / 40.0:
-            away = pairs - self.sum - radius * np.array([[np.cos(phase)], [np.sin(phase)]])
-            total = total + np.exp(-0.5 * np.einsum("ik,kij,jk->k", away, inverse, away))
-        self.logs += np.log(total + 1e-300) - 0.5 * np.log(np.linalg.det(covariance))
+            away = pairs - centre - self.radius * np.array([[np.cos(phase)], [np.sin(phase)]])
+            near = np.exp(self.phases * (np.cos(phase - self.angle) - 1.0)) / i0e(self.phases)
+            total = total + near * np.exp(-0.5 * np.einsum("ik,kij,jk->k", away, inverse, away))
+        self.logs += np.log(total + 1e-300) + 0.5 * np.log(np.linalg.det(inverse))
 
     def of(self, values):
         """Mean, root of the variances and number of draws of values."""
@@ -586,19 +604,31 @@ class DrawnSlip:
         return mean, np.sqrt((values - mean[:, None]) ** 2 @ chance), 1.0 / (chance @ chance)
 
 
+NOWHERE = np.zeros(1), np.ones(1)
+TURNS = np.array([0.0, 0.2, 0.3, 0.45]), np.array([0.4, 0.2, 0.2, 0.2])
+
+
 @pytest.mark.parametrize("own", [20.0, 900.0])
-@pytest.mark.parametrize("alike", [True, False])
-def test_what_repeats_under_a_slip_is_the_centre_of_what_the_runs_show(own, alike):
+@pytest.mark.parametrize(
+    ("size", "angle", "turns"),
+    [
+        (60.0, [0.3, 1.6, 3.5, 5.4], None),
+        ([20.0, 90.0, 70.0, 45.0], [0.3, 1.6, 3.5, 5.4], None),
+        (80.0, [0.3, 1.3, 0.7, 1.6], TURNS),
+    ],
+    ids=["alike", "scattered", "turned"],
+)
+def test_what_repeats_under_a_slip_is_the_centre_of_what_the_runs_show(size, angle, turns, own):
     """Against draws of all that is not known: sizes, phases, what repeats beside the spectrum and in it."""
     rng, count = np.random.default_rng(8), 200_000
     sd = np.array([14.0, 20.0, 17.0, 25.0])
-    angle = np.array([0.3, 1.6, 3.5, 5.4])
-    length = 60.0 if alike else np.array([20.0, 90.0, 70.0, 45.0])
-    pairs = np.array([25.0, -30.0]) + (length * np.array([np.cos(angle), np.sin(angle)])).T
-    found = what_repeats(pairs, sd**2, own)
+    pairs = (np.asarray(size) * np.array([np.cos(angle), np.sin(angle)])).T
+    if turns is None:
+        pairs = pairs + np.array([25.0, -30.0])
+    found = what_repeats(pairs, sd**2, own, turns or NOWHERE)
 
     middle = 0.5 * pairs.mean(axis=0)[:, None]
-    draws = DrawnSlip(rng, pairs, sd**2, middle, 30.0, count, own)
+    draws = DrawnSlip(rng, pairs, sd**2, middle, 30.0, count, beside=own, turns=turns)
     for pair, u in zip(pairs, sd, strict=True):
         draws.shown(pair[:, None], u**2 * np.eye(2))
     spectrum = np.sqrt(own * (1.0 - draws.share)) * rng.normal(size=(2, count))

@@ -312,6 +312,18 @@ def test_places_that_a_lag_or_their_u_explain_are_no_displacement(shift, feeds):
     assert np.sqrt(found.of_lag) < 0.15e-3  # of 0.25 ms that u makes
 
 
+def test_places_of_which_nothing_is_known_are_as_likely_before():
+    """One run at each feedrate: none, or 1 um to 1 mm, even in the logarithm."""
+    sizes, chances = scored(np.array([0.1, -0.3, 0.2]), 0.02, (80.0, 120.0, 160.0)).places
+
+    assert chances.sum() == pytest.approx(1.0, abs=1e-12)
+    assert (sizes[0], chances[0]) == (0.0, 0.5)
+    assert sizes[[1, -1]] == pytest.approx([1e-6, 1e-3], abs=1e-9)
+    steps = np.diff(np.log(sizes[1:]))
+    assert steps == pytest.approx(steps[0], abs=1e-9)
+    assert chances[1:] == pytest.approx(chances[1], abs=1e-12)
+
+
 @pytest.mark.parametrize("sd", [0.05, 0.2, 0.8, 1.0, 3.0, 20.0])
 def test_u_of_places_that_lie_far_apart_is_as_large_as_they_are(sd):
     """Nine runs at three feeds, u of a place 0.01 mm, 40 draws: six degrees of freedom."""

@@ -91,6 +91,7 @@ class Displacement:
     of_mean: float = 0.0  # m^2: variance of the place of the mean of all runs
     # s^2: variances of the lag that the feedrates seem to show, and the chance of each
     lags: tuple[FloatArray, FloatArray] = PLACED
+    places: tuple[FloatArray, FloatArray] = PLACED  # m: the sizes, none first, and their chances
 
     @property
     def of_lag(self) -> float:
@@ -108,7 +109,7 @@ def displacement(
     feedrate is free; of one run at each nothing is known.
     """
     if not scores:
-        return Displacement()
+        return _unknown()
     # A run that is far off, or of another sign or gain, is named for it: its place is no scatter of all.
     kept = np.ones(len(scores), dtype=bool)
     kept[list(_apart(model, named))] = False
@@ -130,10 +131,10 @@ def scatter_of_places(
     """Return the displacement that shifts of runs show, m and m^2; of all runs, from those kept."""
     groups = [kept & (feed == f) for f in np.unique(feed) if (kept & (feed == f)).sum() > 1]
     if not groups:
-        return Displacement()
+        return _unknown()
     # A run that is displaced moves what it is held against, the others: by 1/(n - 1) of it.
     seen = shift.size / (shift.size - 1.0)
-    sizes = np.append(0.0, _sizes([(shift[own], variance[own]) for own in groups]))
+    sizes = np.append(0.0, _sizes(_beyond([(shift[own], variance[own]) for own in groups])))
     size2 = (seen * sizes[:, None]) ** 2
     logs = np.zeros(sizes.size)
     for own in groups:
@@ -163,11 +164,26 @@ def scatter_of_places(
         1.0 - float(likely[0]) / all_of_them,
         of_mean=held * float(weight @ weight) / float(weight.sum()) ** 2,
         lags=(of_one * sizes**2, chances),
+        places=(sizes, chances),
     )
 
 
-def _sizes(groups: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
-    """Return the sizes that are looked at, m, of the shifts and their variances at each feedrate."""
+def _unknown() -> Displacement:
+    """Return the displacement of runs of which nothing is known: none, or any that is likely before."""
+    sizes = _sizes()
+    chances = np.append(0.5, np.full(sizes.size, 0.5 / sizes.size))
+    return Displacement(places=(np.append(0.0, sizes), chances))
+
+
+def _sizes(beyond: float = 0.0) -> FloatArray:
+    """Return the sizes that are looked at, m, where so much of the variance is not explained, m^2."""
+    most = max(_MOST, _BEYOND * math.sqrt(beyond))
+    steps = math.ceil(_PER_DECADE * math.log10(most / _LEAST) - 1e-9)
+    return np.asarray(_LEAST * 10.0 ** (np.arange(steps + 1) / _PER_DECADE))
+
+
+def _beyond(groups: Sequence[tuple[FloatArray, FloatArray]]) -> float:
+    """Return by how much the shifts at each feedrate scatter more than their variances explain, m^2."""
     from scipy.stats import chi2
 
     squares, weights, freedom = 0.0, 0.0, 0
@@ -177,10 +193,7 @@ def _sizes(groups: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
         squares += float(w @ away**2)
         weights += float(w @ (1.0 - w / w.sum()))
         freedom += shift.size - 1
-    beyond = max(squares - float(chi2.isf(_BY_CHANCE, freedom)), 0.0) / weights
-    most = max(_MOST, _BEYOND * math.sqrt(beyond))
-    steps = math.ceil(_PER_DECADE * math.log10(most / _LEAST) - 1e-9)
-    return np.asarray(_LEAST * 10.0 ** (np.arange(steps + 1) / _PER_DECADE))
+    return max(squares - float(chi2.isf(_BY_CHANCE, freedom)), 0.0) / weights
 
 
 def run_scores(model: Model, named: Sequence[int] = ()) -> list[RunScore]:

@@ -245,6 +245,9 @@ class Model:
     post: Posterior | None = None
     # s^2: variances of a lag because the runs are displaced, each by its own; and their chances
     lag_variances: tuple[FloatArray, FloatArray] = PLACED
+    places: tuple[FloatArray, FloatArray] = (
+        PLACED  # m: by which the runs scatter, and their chances
+    )
     lag_prior: float = 0.0  # s: half width of the distribution of the lag before; 0: any lag
     _seen: list[RunEquations] | None = None
     # the equations of which `post` is the solution
@@ -603,10 +606,12 @@ class Model:
         evidence = self.log_evidence(post)
         for first in range(0, n, 2):
             pair = [first, first + 1]
+            angle = 2.0 * math.pi * self.slip[first // 2].wavenumber
             part = what_repeats(
                 pairs[:, pair],
                 noise[:, first // 2],
                 0.5 * float(np.trace(known[np.ix_(pair, pair)])),
+                (angle * self.places[0], self.places[1]),
             )
             at = [*pair, n + first, n + first + 1]
             mean[at], spread[np.ix_(at, at)] = part.mean, part.covariance

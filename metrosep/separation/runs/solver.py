@@ -162,7 +162,7 @@ def solve_joint(
         displaced = (
             Displacement() if options.position_offsets else displacement(model, scores, named)
         )
-        model.lag_variances = displaced.lags
+        model.lag_variances, model.places = displaced.lags, displaced.places
         unpredicted = [system.rest(i, model, s.theta) for i, s in enumerate(scores)]
         model.kept = n_harmonics
         _pass(system, model, most=7, order=None, above=1.0)

@@ -13,6 +13,7 @@ import pytest
 from metrosep.separation.runs.slip import what_repeats
 
 SLIP_NM, NOISE_NM = 120.0, 4.5
+NOWHERE = np.zeros(1), np.ones(1)  # the runs are in their places
 OVER_SLIP = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 SCATTERS = {"alike": 0.0, "scatters by 0.3": 0.3, "normal": math.inf}
 
@@ -39,7 +40,7 @@ def judged(n_runs, scatter, real, sets, seed):
     squares, bands, inside = [], [], []
     for _ in range(sets):
         pairs, wave = drawn(rng, n_runs, real, scatter)
-        found = what_repeats(pairs, np.full(n_runs, NOISE_NM**2), 1.0)
+        found = what_repeats(pairs, np.full(n_runs, NOISE_NM**2), 1.0, NOWHERE)
         error = along @ (both @ found.mean - wave)
         band = np.einsum("ij,jk,ik->i", along, both @ found.covariance @ both.T, along)
         squares.append(np.mean(error**2))
