@@ -261,7 +261,7 @@ class Inputs:
                 other = self.record.temperatures[first][self.record.known]
                 if np.std(mine - other) <= _ALIKE * np.std(other):
                     self.record.messages.append(
-                        f"{name} changes as {first} does and takes no part: what is said of {first} may be of either; "
+                        f"{name} changes as {first} does and takes no part: the gain of {first} may be that of either; "
                         "check the wiring and the columns"
                     )
                     break
