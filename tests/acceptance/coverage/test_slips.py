@@ -53,12 +53,12 @@ def judged(n_runs, scatter, real, sets, seed):
 @pytest.mark.parametrize("scatter", SCATTERS.values(), ids=SCATTERS)
 @pytest.mark.parametrize("n_runs", [4, 9])
 def test_a_real_wave_of_the_length_of_a_slip_is_in_the_band(n_runs, scatter):
-    """All sizes before the readings are as likely, so it is their mean that must be covered."""
-    sets = 40
-    found = [judged(n_runs, scatter, real, sets, 77) for real in OVER_SLIP[:5]]
+    """All amplitudes before the readings are as likely, so it is their mean that must be covered."""
+    found = [judged(n_runs, scatter, real, 20, 77) for real in OVER_SLIP[:5]]
 
-    # 200 sets of two numbers: the cover of each scatters by 0.2
-    assert np.mean([cover for _, _, cover in found]) > 0.95 - 3.0 * 0.2 / math.sqrt(5 * sets)
+    # one scatter of those that are as likely before is covered by some percent less or more than all:
+    # 0.88 in 300 sets of four runs and a normal slip; 100 sets of two numbers know it to 0.02
+    assert np.mean([cover for _, _, cover in found]) > 0.88 - 3.0 * 0.02
     error, band, _ = np.sqrt(np.mean(np.square(found), axis=0))
     assert 0.85 < band / error < 1.6  # a normal slip and one that is alike are as likely before
 
@@ -66,6 +66,7 @@ def test_a_real_wave_of_the_length_of_a_slip_is_in_the_band(n_runs, scatter):
 def main():
     sets, seed = (int(v) for v in [*sys.argv[1:], "200", "1"][:2])
     print("| runs, slip |", " | ".join(f"{real:g}" for real in OVER_SLIP), "|")
+    print("|" + "---|" * (1 + len(OVER_SLIP)))
     for n_runs in (9, 4):
         for name, scatter in SCATTERS.items():
             rows = [judged(n_runs, scatter, real, sets, seed) for real in OVER_SLIP]
