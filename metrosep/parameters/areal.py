@@ -382,7 +382,7 @@ def _slope_notes(work: _Work, given: set[str]) -> list[str]:
         return []
     used, beside = work.gradients.n_used, work.gradients.n_beside
     return [
-        f"Sdq and Sdr are of {used} of {used + beside} pixels: slopes within {_REACH} pixels of a dropout are left out"
+        f"Sdq and Sdr are of {used} of {used + beside} pixels: slopes within {_REACH} pixels of a dropout do not count"
     ]
 
 
@@ -670,7 +670,7 @@ def _beside_dropouts(heights: FloatArray) -> NDArray[np.bool_] | None:
     dropouts = missing & ~blocks
     if not dropouts.any():
         return None
-    found = dropouts.copy()
+    found: NDArray[np.bool_] = dropouts.copy()
     for axis in (0, 1):
         near, lost = np.moveaxis(found, axis, 0), np.moveaxis(dropouts, axis, 0)
         for d in range(1, _REACH + 1):
