@@ -215,6 +215,7 @@ def areal_parameters(
             *comb_note,
             *_notes(surface),
             *_filled_notes(work, {q.symbol.partition("(")[0] for q in quantities}),
+            *_slope_notes(work, {q.symbol for q in quantities}),
         ),
     )
     return ArealParameterTable(quantities, context, unavailable=unavailable)
@@ -373,6 +374,16 @@ def _given(value: float | None, reason: str) -> float:
     if value is None:
         raise DataError(reason)
     return value
+
+
+def _slope_notes(work: _Work, given: set[str]) -> list[str]:
+    """Return how many pixels Sdq and Sdr leave out beside dropouts."""
+    if not given & {"Sdq", "Sdr"} or not work.gradients.n_beside:
+        return []
+    used, beside = work.gradients.n_used, work.gradients.n_beside
+    return [
+        f"Sdq and Sdr are of {used} of {used + beside} pixels: slopes within {_REACH} pixels of a dropout do not count"
+    ]
 
 
 def _filled_notes(work: _Work, given: set[str]) -> list[str]:
@@ -563,7 +574,8 @@ _ROWS = (
 # stencil whose pixels are all valid: seven points, else five, else three; at an edge or beside a
 # hole it is one-sided with three points, else two. All but the last are exact for parabolas. A
 # pixel that was not measured, or has no valid neighbour in x and in y, has no slope and is left out,
-# so a hole adds no slope of its own.
+# so a hole adds no slope of its own. Beside dropouts slopes would be those of other stencils than
+# the same map has without them, and hold more noise: the means leave these pixels out.
 
 _REACH = 3
 """Half-width of the widest stencil, in pixels."""
@@ -584,7 +596,8 @@ _LADDER: tuple[tuple[tuple[int, float], ...], ...] = (
 class GradientStatistics:
     """Mean slopes of a map."""
 
-    n_used: int  # measured pixels that have a slope in x and in y
+    n_used: int  # measured pixels whose slopes in x and in y reach no dropout
+    n_beside: int  # measured pixels left out, beside dropouts
     Sdq: float  # root mean square gradient, dimensionless (tangent of an angle)
     Sdr: float  # developed area over projected area, less one; a ratio, not per cent
 
@@ -593,8 +606,9 @@ def gradient_statistics(z: ArrayLike, dx: float, dy: float) -> GradientStatistic
     """Return the root mean square gradient and the developed area ratio.
 
     Sdq^2 = mean(zx^2 + zy^2), Sdr = mean(sqrt(1 + zx^2 + zy^2) - 1) over the pixels that have
-    both slopes. Each pixel stands for the area dx dy around it. The standard leaves the numerical
-    derivative open; see the page on Sdq for what other choices give.
+    both slopes and, along neither axis, a dropout within three pixels. Each pixel stands for the area
+    dx dy around it. The standard leaves the numerical derivative open; see the page on Sdq for what other
+    choices give.
 
     Source: ISO 25178-2:2021, hybrid parameters (clause 4.4; number recalled, not checked).
 
@@ -604,11 +618,18 @@ def gradient_statistics(z: ArrayLike, dx: float, dy: float) -> GradientStatistic
     >>> f"{g.Sdq:.3f}"
     '5.000'
     """
-    count, squares, excess = 0, [], []
-    for slope_x, slope_y in _slope_blocks(_checked(z, dx, dy), dx, dy):
+    heights = _checked(z, dx, dy)
+    beside, row = _beside_dropouts(heights), 0
+    count, left, squares, excess = 0, 0, [], []
+    for slope_x, slope_y in _slope_blocks(heights, dx, dy):
         s2 = slope_x * slope_x
         s2 += slope_y * slope_y
         used = s2 == s2
+        if beside is not None:
+            near = beside[row : row + len(s2)]
+            left += int(np.count_nonzero(used & near))
+            used &= ~near
+            row += len(s2)
         if not used.all():
             s2 = s2[used]
         count += s2.size
@@ -616,14 +637,46 @@ def gradient_statistics(z: ArrayLike, dx: float, dy: float) -> GradientStatistic
         # sqrt(1 + s) - 1 without cancellation for slopes of 1e-9.
         s2 /= 1.0 + np.sqrt(1.0 + s2)
         excess.append(float(np.add.reduce(s2, axis=None)))
+    if count == 0 and left:
+        raise InvalidSamplesError(
+            f"each of the {left} pixels with slopes has a dropout within {_REACH} pixels along x or y, and "
+            "slopes beside dropouts are too large; Sdq and Sdr need a map with fewer of them"
+        )
     if count == 0:
         raise InvalidSamplesError(
             "no pixel has a valid neighbour in x and in y: slopes cannot be formed; the map is too "
             "sparse for Sdq and Sdr"
         )
     return GradientStatistics(
-        count, math.sqrt(math.fsum(squares) / count), math.fsum(excess) / count
+        count, left, math.sqrt(math.fsum(squares) / count), math.fsum(excess) / count
     )
+
+
+def _beside_dropouts(heights: FloatArray) -> NDArray[np.bool_] | None:
+    """Return the pixels with a dropout within a stencil's reach along x or y; None if there are none.
+
+    A dropout is a missing pixel in no block of 3 x 3 missing ones: holes and the outside are edges.
+    """
+    missing = heights != heights
+    if not missing.any():
+        return None
+    blocks = np.pad(missing, 2, constant_values=True)
+    for axis in (0, 1):  # the middles of such blocks
+        line = np.moveaxis(blocks, axis, 0)
+        blocks = np.moveaxis(line[:-2] & line[1:-1] & line[2:], 0, axis)
+    for axis in (0, 1):
+        line = np.moveaxis(blocks, axis, 0)
+        blocks = np.moveaxis(line[:-2] | line[1:-1] | line[2:], 0, axis)
+    dropouts = missing & ~blocks
+    if not dropouts.any():
+        return None
+    found: NDArray[np.bool_] = dropouts.copy()
+    for axis in (0, 1):
+        near, lost = np.moveaxis(found, axis, 0), np.moveaxis(dropouts, axis, 0)
+        for d in range(1, _REACH + 1):
+            near[d:] |= lost[:-d]
+            near[:-d] |= lost[d:]
+    return found
 
 
 def surface_slopes(z: ArrayLike, dx: float, dy: float) -> tuple[FloatArray, FloatArray]:

@@ -320,12 +320,12 @@ def hostile(kind):
 
 
 NAMED = {
-    "lay": {"Sdq": 0.2, "Sdr": 0.4},
+    "lay": {"Sdq": 0.12, "Sdr": 0.25},
     "tiny": dict.fromkeys(
         ["Sk", "Spk", "Svk", "Smrk1", "Smrk2", "Sak1", "Sak2", "Spkx", "Svkx", "Sal", "Str"], 0.5
     ),
 }
-"""Rules that differ: slopes beside holes are one-sided and rough where a spike is near, theirs left out
+"""Rules that differ: pixels within three of a dropout have no slope, theirs one that is shorter
 (docs/parameters/sdq.md); of 256 samples two windows of 40 % are nearly as flat, and a lag of two pixels is between pixels."""
 
 
