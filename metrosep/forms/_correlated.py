@@ -507,8 +507,9 @@ def _next_to_the_model(
     COVERAGE within t(n) u. No parameter gets more than a bound by energy (`_bound`).
 
     Whether a spectrum rises beyond the map or levels off on it, a map hardly says, and what holds of both
-    together holds too little of the one and too much of the other. A verdict has to be true of either: its
-    guard band is that of the rising ones alone, unless these have smaller odds than a false accept may have.
+    together holds too little of the one and too much of the other; how far one rises, it does not say at all.
+    A verdict has to be true of each: its guard band is that of the spectra that rise furthest, unless the
+    rising ones have smaller odds than a false accept may have.
     """
     Q, R, r = _factors(J, r)
     N, p = Q.shape
@@ -530,8 +531,8 @@ def _next_to_the_model(
     coloured, kinds = _coloured(own.grams, t, inverse, own.odds)
     found += coloured
     alike = len(found)
-    rises = np.zeros(alike, bool)
-    rises[alike - len(kinds) :] = own.rises[kinds]
+    beyond = np.zeros(alike)
+    beyond[alike - len(kinds) :] = own.beyond[kinds]
     if not is_line:
         across = angle_across(x, y, r, own.last)
         f, G = under_waves(x, y, np.column_stack([Q, F]), own.last, angle=across)
@@ -551,11 +552,11 @@ def _next_to_the_model(
     limit = np.sqrt(np.square(inverse) @ most)
     held = np.minimum(u, limit)
     guard = np.ones(p)
-    there = kept < alike
-    there[there] = rises[kept[there]]
-    if weights[there].sum() > 1.0 - PROVEN:
-        own_weights = weights[there] / weights[there].sum()
-        band = _half_width(own_weights, sd[there], freedom[there], 2.0 * PROVEN - 1.0)
+    reach = np.append(beyond, np.zeros(len(logs) - alike))[kept]
+    if weights[reach > 0.0].sum() > 1.0 - PROVEN:
+        far = reach == reach.max()
+        own_weights = weights[far] / weights[far].sum()
+        band = _half_width(own_weights, sd[far], freedom[far], 2.0 * PROVEN - 1.0)
         guard = np.maximum(1.0, np.minimum(band / student(n, PROVEN), limit) / held)
     scale = size * held / np.sqrt(np.diag(mean))
     # a lay is seldom as straight and as long as its spectrum has it
@@ -574,7 +575,7 @@ class _Surroundings:
     F: FloatArray  # these, (., n)
     grams: tuple[FloatArray, FloatArray]  # under each spectrum that is alike in all directions
     odds: FloatArray  # of each
-    rises: BoolArray  # beyond the map, of each
+    beyond: FloatArray  # widths beyond the map up to which each rises
 
 
 @lru_cache(maxsize=2)
@@ -596,8 +597,8 @@ def _kept_surroundings(
     last = top if is_line else top + _BEYOND[-1]
     B = np.column_stack([columns, F])
     f, G = under_waves(at_x, at_y, B, last, angle=0.0 if is_line else None)
-    S, odds, rises = likely_spectra(f) if is_line else with_short_ones(f)
-    return _Surroundings(order, last, F, _under_spectra(S, G, p), odds, rises)
+    S, odds, beyond = likely_spectra(f) if is_line else with_short_ones(f)
+    return _Surroundings(order, last, F, _under_spectra(S, G, p), odds, beyond)
 
 
 def _white(

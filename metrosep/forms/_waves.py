@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from metrosep.core._arrays import BoolArray, FloatArray
+from metrosep.core._arrays import FloatArray
 
 _MARGIN = 6
 """Degrees beyond the last of which the waves still are: the tail of a polynomial's own spectrum."""
@@ -160,9 +160,10 @@ def _decade(span: float) -> int:
     return int(np.ceil(np.log10(span))) if span > 0.0 else 0
 
 
-def likely_spectra(f: FloatArray, n_smooth: int = 45) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return the spectra that a surface may have, (number, frequencies), the odds of each, and which rise beyond it.
+def likely_spectra(f: FloatArray, n_smooth: int = 45) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the spectra that a surface may have, (number, frequencies), the odds of each, and its reach.
 
+    The reach is up to how many widths a spectrum rises, 0 for those that level off on the map.
     (1 + 2 (pi l f)^2 / B)^(-B/2), f in periods per width, falls as f^-B from a length l on;
     exp(-(pi l f)^2), its limit, is the Gaussian correlation. Two classes have odds of 1 each: lengths from
     a sixteenth of the width up to it, and, as no width is that of the surface, spectra that still rise
@@ -181,20 +182,21 @@ def likely_spectra(f: FloatArray, n_smooth: int = 45) -> tuple[FloatArray, Float
         found += [_levelling(_RISING, f, B)]
         odds += [np.full(_RISING.size, 1.0 / _RISING.size / len(_POWERS))]
     S = np.concatenate(found)
-    return S, np.concatenate(odds), np.arange(len(S)) >= len(S) - _RISING.size * len(_POWERS)
+    beyond = np.tile(_RISING, len(_POWERS))
+    return S, np.concatenate(odds), np.append(np.zeros(len(S) - beyond.size), beyond)
 
 
-def with_short_ones(f: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+def with_short_ones(f: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what `likely_spectra` does, with spectra of texture, nearly white along the polynomials.
 
     Texture is smooth or exponential (B = 3), of lengths below those of `likely_spectra`. It is a third class.
     """
-    S, odds, rises = likely_spectra(f)
+    S, odds, beyond = likely_spectra(f)
     lengths = np.geomspace(1 / 64, 1 / 16, 9)[:-1]
     short = np.concatenate([_levelling(lengths, f, B) for B in (3.0, 8.0, np.inf)])
     n = len(short)
     odds = np.concatenate([odds, np.full(n, 1.0 / n)])
-    return np.concatenate([S, short]), odds, np.concatenate([rises, np.zeros(n, bool)])
+    return np.concatenate([S, short]), odds, np.append(beyond, np.zeros(n))
 
 
 def _levelling(lengths: FloatArray, f: FloatArray, B: float) -> FloatArray:
