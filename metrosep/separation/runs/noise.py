@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, sparse
 
 from metrosep.core._arrays import BoolArray, FloatArray
 
@@ -201,6 +200,8 @@ class Unknowns:
         *,
         weight: FloatArray | None = None,
     ) -> None:
+        from scipy import linalg, sparse
+
         self.at = np.flatnonzero(unknown)
         starts, stops = (np.array([getattr(p, e) for p in parts]) for e in ("start", "stop"))
         part = np.searchsorted(starts, self.at, side="right") - 1
@@ -226,7 +227,9 @@ class Unknowns:
 
     def expected(self, rows: FloatArray) -> FloatArray:
         """Return what whitened rows, zero where unknown, say of the unknown samples."""
-        solved = linalg.cho_solve_banded((self._root, False), self.columns.T @ rows)
+        from scipy.linalg import cho_solve_banded
+
+        solved = cho_solve_banded((self._root, False), self.columns.T @ rows)
         return np.asarray(-solved)
 
     def take_out(self, rows: FloatArray) -> None:
@@ -235,5 +238,7 @@ class Unknowns:
 
     def drawn(self, rng: np.random.Generator, n: int) -> FloatArray:
         """Return draws of mean 0 with the covariance of the unknown samples, shape (unknown, n)."""
+        from scipy.linalg import solve_banded
+
         free = rng.standard_normal((self.at.size, n))
-        return np.asarray(linalg.solve_banded((0, len(self._root) - 1), self._root, free))
+        return np.asarray(solve_banded((0, len(self._root) - 1), self._root, free))
