@@ -21,7 +21,13 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, FormatMismatchError, MetrosepError, OptionError
+from metrosep.core.errors import (
+    DataError,
+    FormatMismatchError,
+    MetrosepError,
+    OptionError,
+    UnitError,
+)
 from metrosep.core.numbers import choice, is_real, quantity
 from metrosep.core.readable import nearest
 from metrosep.io._roles import pick, to_si
@@ -205,8 +211,10 @@ def _positions(
                 f"{file.path}: axis {axis} has two columns, {', '.join(named)}"
             )
         if named:
-            column, unit = pick(file, table, named[0], role=f"axis {axis}")
-            found[axis] = to_si(file, column, unit, dimension=kinds[axis], role=f"axis {axis}")
+            usual = "deg" if kinds[axis] == "angle" else "mm"
+            found[axis] = _in_si(
+                file, table, named[0], kinds[axis], f"axis {axis}", f"{axis}_{usual}"
+            )
         elif axis in at:
             found[axis] = np.asarray(quantity(at[axis], f"place of {axis}", kinds[axis]))
         elif axis not in parked:
@@ -238,6 +246,19 @@ def _readings(file: RawFile, table: Table, instrument: Instrument, *, needed: bo
                 f"{file.path}: a column {name}_um (or {name}_urad) is needed, found "
                 f"{', '.join(named) or 'none'} in {', '.join(table.names)}"
             )
-        column, unit = pick(file, table, named[0], role="readings")
-        columns.append(to_si(file, column, unit, dimension=dimension, role="readings"))
+        usual = f"{name}_{'urad' if instrument.is_angle else 'um'}"
+        columns.append(_in_si(file, table, named[0], dimension, "readings", usual))
     return columns[0] if len(columns) == 1 else np.column_stack(columns)
+
+
+def _in_si(
+    file: RawFile, table: Table, name: str, dimension: str, role: str, usual: str
+) -> FloatArray:
+    """Return a column in SI; its unit stands in the header, nowhere else."""
+    column, unit = pick(file, table, name, role=role)
+    if unit is None:
+        raise UnitError(
+            f"{file.path}: column {name!r} ({role}) declares no unit that is known; name it with its "
+            f"unit, such as {usual}"
+        )
+    return to_si(file, column, unit, dimension=dimension, role=role)

@@ -267,6 +267,9 @@ def test_untidy_files_of_readings_are_read(call, folder, truth, tmp_path):
     ("change", "message"),
     [
         (lambda t: t.replace('# instrument = "nest"\n', ""), "no instrument is named"),
+        (lambda t: t.replace("reading_x_um", "reading_x"), "with its unit, such as reading_x_um"),
+        (lambda t: t.replace("X_mm", "X"), "(axis X) declares no unit that is known; name it with its unit, such as X_mm"),
+        (lambda t: t.replace("A_deg", "A [furlong]"), "such as A_deg"),
         (lambda t: t.replace('"nest"', '"nets"'), "nest"),
         (lambda t: t.replace('"nest"', '"laser"'), "did you mean displacement (linear or straightness optics)"),
         (lambda t: t.replace('"nest"', '"Dial indicator"'), "did you mean displacement, with the direction"),
