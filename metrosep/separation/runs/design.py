@@ -27,7 +27,7 @@ from metrosep.core.errors import (
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_ends
 from metrosep.separation._readings import joint_coefficients, not_tied
-from metrosep.separation.runs.clock import fit_clock
+from metrosep.separation.runs.clock import Clock, fit_clock
 
 if TYPE_CHECKING:
     from metrosep.separation.runs.base import ErrorEstimate
@@ -43,7 +43,7 @@ _TIME_STEP = 1e-3
 the slow modes of a machine."""
 
 _PITCHES = 800
-"""A run keeps at least this many samples when it is averaged for that reason: short waves stay."""
+"""The slowest feed keeps at least this many samples over the travel when runs are averaged for that reason: short waves stay."""
 
 _TRAVEL_RTOL = 0.02
 """Ends of the runs may differ by this share of the travel before the range must be stated."""
@@ -74,10 +74,15 @@ def prepare_runs(runs: RunSet, *, probes: Sequence[str] | None = None) -> list[P
     """Return the runs checked for time, thinned so that the model stays affordable."""
     block = max(1, -(-sum(len(r) for r in runs) // _MAX_ROWS))
     names = probes or [""] * len(runs)
-    return [_prepare(run, block, name) for run, name in zip(runs, names, strict=True)]
+    clocks = [_clock(run) for run in runs]
+    slow = _averaged(runs, clocks)
+    return [
+        _prepare(run, clock, max(block, own), name)
+        for run, clock, own, name in zip(runs, clocks, slow, names, strict=True)
+    ]
 
 
-def _prepare(run: Run, block: int, probe: str) -> PreparedRun:
+def _clock(run: Run) -> Clock:
     name = run.run_id
     if run.t is None or run.feed is None:
         raise InvalidSamplesError(
@@ -85,12 +90,33 @@ def _prepare(run: Run, block: int, probe: str) -> PreparedRun:
             "geometry: give a time column, the sampling rate or the feed (or use method='mean')"
         ).hinting(method="mean")
     try:
-        clock = fit_clock(run)
+        return fit_clock(run)
     except NotUniformError as exc:
         raise NotUniformError(f"run {name!r}: {exc}") from None
-    # Averaged as far as slow modes and short waves bear it.
-    slow = min(int(_TIME_STEP / clock.step * (1.0 + 1e-6)), clock.size // _PITCHES)
-    block = max(block, slow)
+
+
+def _averaged(runs: RunSet, clocks: Sequence[Clock]) -> list[int]:
+    """Return how many samples of each run are averaged, as far as slow modes and short waves bear it.
+
+    Runs of one sampling interval have one number, that of the slowest feed: in time vibration is alike
+    at every feedrate, and what is tied to position is not. A noise model for each feedrate, which
+    another interval would give it, takes what slips for its own vibration.
+    """
+    travel = max(abs(float(r.x[-1] - r.x[0])) for r in runs)
+    steps = np.array([c.step for c in clocks])
+    pitches = [
+        abs(float(r.x[-1] - r.x[0])) / max(c.size - 1, 1)
+        for r, c in zip(runs, clocks, strict=True)
+    ]
+    places = travel / np.maximum(pitches, 1e-300) + 1.0
+    own = np.minimum(
+        np.floor(_TIME_STEP / steps * (1.0 + 1e-6)), np.floor(places / _PITCHES * (1.0 + 1e-6))
+    )
+    return [int(own[np.abs(steps - step) <= 0.01 * step].max()) for step in steps]
+
+
+def _prepare(run: Run, clock: Clock, block: int, probe: str) -> PreparedRun:
+    name = run.run_id
     if (~np.isnan(run.z)).sum() < 32 * block:
         raise TooFewSamplesError(
             f"run {name!r} has {int((~np.isnan(run.z)).sum())} valid samples, the joint method needs "

@@ -160,3 +160,8 @@ for _name, _scatter in (("slip of sizes .3", 0.3), ("slip of normal sizes", math
     ROWS[f"{_name} on a wave"] = replace(
         ROWS[_name], machine=replace(ROWS[_name].machine, waves=(*BASE_WAVES, (8.0, 120.0)))
     )
+ROWS["10 kHz slip on a wave of 8 mm"] = replace(
+    ROWS["slip on a wave of 8 mm"],
+    machine=replace(ROWS["slip on a wave of 8 mm"].machine, rate_hz=10_000.0),
+)
+ROWS["10 kHz turbulence"] = _base(rate_hz=10_000.0, modes=ROWS["turbulence"].machine.modes)
