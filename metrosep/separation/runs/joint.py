@@ -36,13 +36,6 @@ from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_ends, format_length
 from metrosep.separation._readings import checked_count
 from metrosep.separation.covariance import CovarianceModes
-from metrosep.separation.runs._unknowns import (
-    PositionOffsets,
-    check_reference,
-    explain_positions,
-    fitted_positions,
-    position_columns,
-)
 from metrosep.separation.runs.base import (
     LINE_POINTS,
     DirectionEstimate,
@@ -71,6 +64,13 @@ from metrosep.separation.runs.evidence import (
 )
 from metrosep.separation.runs.geometry import HELD_SHARE, PERIOD_SHARE
 from metrosep.separation.runs.leave_out import suspicion
+from metrosep.separation.runs.lines import (
+    PositionOffsets,
+    check_reference,
+    explain_positions,
+    fitted_positions,
+    position_columns,
+)
 from metrosep.separation.runs.noise import MOST
 from metrosep.separation.runs.options import Following, JointOptions, metres
 from metrosep.separation.runs.solver import CONSTANTS, Solution, solve_joint

@@ -8,7 +8,7 @@ the same place whatever the feedrate; noise is what sits at the same frequency. 
 samples makes the equations of each run (`system`); everything else works on these (`posterior`).
 
 Options add drift, lines, a part that grows with the feedrate, gains of probes and weights
-(`lines`, `_unknowns`, `weights`); without them nothing of this changes. Equation numbers are those
+(`lines`, `weights`); without them nothing of this changes. Equation numbers are those
 of separation-2.
 """
 
@@ -32,7 +32,6 @@ from metrosep.core.errors import (
 )
 from metrosep.separation._readings import positive, real_numbers
 from metrosep.separation.runs import sensor as sensor_room
-from metrosep.separation.runs._unknowns import Frequency, Gain, Unknown, shifts
 from metrosep.separation.runs.design import PreparedRun
 from metrosep.separation.runs.geometry import (
     PERIOD_SHARE,
@@ -44,7 +43,14 @@ from metrosep.separation.runs.geometry import (
     filtered,
 )
 from metrosep.separation.runs.leave_out import Displacement, RunScore, displacement, run_scores
-from metrosep.separation.runs.lines import FoundLine, Terms, find_line, nearest_power
+from metrosep.separation.runs.lines import (
+    FoundLine,
+    Terms,
+    Unknown,
+    find_line,
+    nearest_power,
+    wanted_unknowns,
+)
 from metrosep.separation.runs.noise import MOST, WITNESS
 from metrosep.separation.runs.options import JointOptions
 from metrosep.separation.runs.posterior import Answer, Model, Posterior, averaged
@@ -534,11 +540,6 @@ def _bridged(system: System, residuals: list[FloatArray]) -> list[FloatArray]:
 _MAX_LINES = 6
 """Most lines that are looked for."""
 
-_GAIN_PRIOR = 1.0
-"""Standard deviation of a weak prior on the excess of a gain."""
-
-_GAIN_STEP, _GAIN_DONE = 0.2, 1e-5
-
 
 def state_terms(system: System, options: JointOptions) -> None:
     """Give the system the waves that the user stated to grow with the feedrate."""
@@ -611,26 +612,6 @@ def choose_following(system: System, model: Model, options: JointOptions) -> Non
     )
     _pass(system, model, most=3)
     _pass(system, model, most=6, order=None, above=1.0)
-
-
-def wanted_unknowns(system: System, options: JointOptions) -> list[Unknown]:
-    """Return the unknowns that the options ask for."""
-    cell = 1.0 / max(float(np.ptp(r.t)) for r in system.runs)
-    unknowns: list[Unknown] = [
-        Frequency(0.5 * cell, 0.05 * cell, 1e-5 * cell, line=i)
-        for i in range(len(system.terms.frequencies))
-    ]
-    gain = (_GAIN_PRIOR, _GAIN_STEP, _GAIN_DONE)
-    if options.following == "scale":
-        unknowns.append(Gain(*gain, lever=system.terms.relative_speed, name="following"))
-    if options.probe_gain == "fit":
-        names = [r.probe for r in system.runs]
-        for probe in list(dict.fromkeys(names))[1:]:
-            lever = np.array([float(n == probe) for n in names])
-            unknowns.append(Gain(*gain, lever=lever, with_slope=True, name=probe))
-    if options.position_offsets:
-        unknowns += shifts([r.run_id for r in system.runs], options.position_reference)
-    return unknowns
 
 
 def fit_unknowns(

@@ -17,10 +17,9 @@ import numpy as np
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DegenerateFitError
 from metrosep.core.runset import SAME_FEED
-from metrosep.separation.runs._unknowns import Unknown
 from metrosep.separation.runs.design import PreparedRun
 from metrosep.separation.runs.geometry import LINE_SD, Extension, Sensor, filtered
-from metrosep.separation.runs.lines import Terms
+from metrosep.separation.runs.lines import Terms, Unknown
 from metrosep.separation.runs.noise import (
     MAD,
     NoiseModel,

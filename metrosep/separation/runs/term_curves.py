@@ -11,9 +11,9 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import UnitError
 from metrosep.core.runset import RunSet, feed_groups
-from metrosep.separation.runs._unknowns import Gain
 from metrosep.separation.runs.base import LINE_POINTS, FeedTerm, SampledCurve
 from metrosep.separation.runs.design import PreparedRun
+from metrosep.separation.runs.lines import Gain
 from metrosep.separation.runs.options import JointOptions
 from metrosep.separation.runs.solver import Solution
 from metrosep.spectral.dft import fourier_basis
