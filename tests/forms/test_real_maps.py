@@ -19,6 +19,7 @@ from metrosep.forms import (
     Polynomial,
     Sphere,
     Toric,
+    _waves,
     fit,
     form_from_text,
 )
@@ -183,6 +184,30 @@ def test_guard_is_that_of_student_unless_the_deviations_may_rise_beyond_the_map(
         assert min(over) >= 1.0 - ROUNDING
         assert max(over) <= widest + ROUNDING
     assert max(over) > 1.05  # 2 pixels of 64: the polynomials hardly distinguish it from a rise
+
+
+def test_guard_is_that_of_the_spectra_that_rise_furthest(monkeypatch):
+    """A map of f^-3 does not say how far: with those of one width beside it the band fell by a tenth."""
+    n, wide = 48, 144
+    f = np.hypot(np.fft.fftfreq(wide)[:, None], np.fft.fftfreq(wide))
+    f[0, 0] = np.inf
+
+    def guards(widths):
+        monkeypatch.setattr(_waves, "_RISING", np.array(widths))
+        _kept_surroundings.cache_clear()
+        found = []
+        for seed in range(4):
+            noise = np.fft.fft2(np.random.default_rng(seed).standard_normal((wide, wide)))
+            z = np.fft.ifft2(noise * f**-1.5).real[:n, :n]
+            found.append(fit(surface(NM * z), Plane()).guard["tilt_x"])
+        _kept_surroundings.cache_clear()
+        return np.array(found)
+
+    four, all_three, one = guards([4.0]), guards([1.0, 2.0, 4.0]), guards([1.0])
+
+    # of the same spectra, but for unlikely ones that are left out at another place
+    np.testing.assert_allclose(all_three, four, rtol=0.02, atol=0.0)
+    assert (one < 0.95 * four).all()
 
 
 def test_u_does_not_depend_on_the_maps_that_were_fitted_before():
