@@ -593,7 +593,7 @@ def _kept_surroundings(
     F = np.zeros((at_x.size, beside.shape[1]))
     F[there] = beside
     if F.shape[1] == 0:
-        return _Surroundings(order, top, F, (F, F), order, there)
+        return _Surroundings(order, top, F, (F, F), order, order)
     last = top if is_line else top + _BEYOND[-1]
     B = np.column_stack([columns, F])
     f, G = under_waves(at_x, at_y, B, last, angle=0.0 if is_line else None)

@@ -348,6 +348,7 @@ _FALLS = (0, 1, 2)
 _LEVELS = np.geomspace(0.1, 1e6, 15)
 """Of lambda, where 1 is a variance that the readings show as large as their noise."""
 _EDGES = np.append(_LEVELS / math.sqrt(_LEVELS[1] / _LEVELS[0]), math.inf)
+_CHOICES = 1 + len(_FALLS) * _LEVELS.size  # none, or a fall and a level
 _SMALLER = 1.0 / np.sqrt(1.0 + 1.0 / _EDGES)
 """How likely a curve is smaller than that before: root of level / (1 + level), the share that it has in the root
 mean square, may be anything from 0 to 1 alike. A machine ends at no order, so it has no point of its own.
@@ -715,13 +716,13 @@ class _Curves:
         """Return `value` for all choices of the first group of an order, the others as they are chosen."""
         d, m = self._scale(k, order[1:], chosen), self.groups[order[0]].size
         if not np.isfinite(d).all():
-            return np.full(1 + len(_FALLS) * _LEVELS.size, math.inf)
+            return np.full(_CHOICES, math.inf)
         part = self._whole(k, order).without(d, slice(m, None), slice(m))
         return self.of_group(k, order[0], part, self._before(order[0], chosen))
 
     def of_group(self, k: int, g: int, part: _Part, before: FloatArray) -> FloatArray:
         """Return `value` and -2 log of the chance before for all choices of a group, the others eliminated."""
-        found = np.full(1 + len(_FALLS) * _LEVELS.size, math.inf)
+        found = np.full(_CHOICES, math.inf)
         found[0] = part.at(np.zeros(()), np.zeros(()))
         shown = self.tops[k, g] > 0.0
         if shown.any():

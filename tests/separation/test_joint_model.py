@@ -30,8 +30,8 @@ from metrosep.separation.runs.geometry import (
 from metrosep.separation.runs.leave_out import RunScore, displacement, run_scores
 from metrosep.separation.runs.lines import Terms
 from metrosep.separation.runs.noise import (
+    MissingSamples,
     NoiseModel,
-    Unknowns,
     burg,
     exact_rows,
     fit_noise,
@@ -113,7 +113,7 @@ def test_unknown_samples_are_those_of_a_gaussian_process_given_the_known():
     unknown[[3, 4, 5, 11, 13, 30]] = True
     parts, zeroed = [slice(0, n)], np.where(unknown, 0.0, z)[:, None]
 
-    made = Unknowns(unknown, noise, parts)
+    made = MissingSamples(unknown, noise, parts)
     rows = exact_rows([zeroed], noise, parts)
     expected, drawn = made.expected(rows)[:, 0], made.drawn(rng, 40_000)
     made.take_out(rows)

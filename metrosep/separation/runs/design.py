@@ -45,6 +45,9 @@ the slow modes of a machine."""
 _PITCHES = 800
 """The slowest feed keeps at least this many samples over the travel when runs are averaged for that reason: short waves stay."""
 
+SAME_INTERVAL = 0.01
+"""Sampling intervals that differ by less are one: such runs are averaged alike and share a noise model."""
+
 _TRAVEL_RTOL = 0.02
 """Ends of the runs may differ by this share of the travel before the range must be stated."""
 
@@ -112,7 +115,7 @@ def _averaged(runs: RunSet, clocks: Sequence[Clock]) -> list[int]:
     own = np.minimum(
         np.floor(_TIME_STEP / steps * (1.0 + 1e-6)), np.floor(places / _PITCHES * (1.0 + 1e-6))
     )
-    return [int(own[np.abs(steps - step) <= 0.01 * step].max()) for step in steps]
+    return [int(own[np.abs(steps - step) <= SAME_INTERVAL * step].max()) for step in steps]
 
 
 def _prepare(run: Run, clock: Clock, block: int, probe: str) -> PreparedRun:

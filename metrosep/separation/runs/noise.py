@@ -183,7 +183,7 @@ def _predictors(model: NoiseModel) -> FloatArray:
     return out
 
 
-class Unknowns:
+class MissingSamples:
     """Samples of a record that are not known, each an unknown of its own: its whitened column.
 
     With E the whitening and U its columns at the unknown samples, G = U'U. What the known samples

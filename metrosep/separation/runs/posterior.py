@@ -593,7 +593,8 @@ class Model:
             slip.variance *= _FREE
         self.slip_is_geometry = False
         self.apply()
-        post, plain = self.solve(), self.covariance(self.solve())
+        post = self.solve()
+        plain = self.covariance(post)
         columns, own = self.slipping()
         pairs, noise, alike = self._pairs(post, columns, own)
         seen = alike @ post.full_root

@@ -17,13 +17,13 @@ import numpy as np
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DegenerateFitError
 from metrosep.core.runset import SAME_FEED
-from metrosep.separation.runs.design import PreparedRun
+from metrosep.separation.runs.design import SAME_INTERVAL, PreparedRun
 from metrosep.separation.runs.geometry import LINE_SD, Extension, Sensor, filtered
 from metrosep.separation.runs.lines import Terms, Unknown
 from metrosep.separation.runs.noise import (
     MAD,
+    MissingSamples,
     NoiseModel,
-    Unknowns,
     exact_rows,
     fit_noise,
     stretches,
@@ -244,14 +244,14 @@ class System:
             w = np.concatenate([self.weights.weight[index][part] for part in parts])
             root = np.sqrt(w * self.weights.information(index))
             rows *= root[:, None]
-        unknown = self._unknown(index)
-        if unknown.any():
-            Unknowns(unknown, noise, parts, weight=root).take_out(rows)
+        missing = self._missing(index)
+        if missing.any():
+            MissingSamples(missing, noise, parts, weight=root).take_out(rows)
         if self.sharing[0] != 1.0:
             rows /= math.sqrt(self.sharing[0])
         return rows
 
-    def _unknown(self, index: int) -> BoolArray:
+    def _missing(self, index: int) -> BoolArray:
         gaps = self.gaps[index]
         return gaps if self.weights is None else gaps | self.weights.marked[index]
 
@@ -284,10 +284,12 @@ class System:
             free = rng.standard_normal(_DRAWS)
             free = (free - free.mean()) * math.sqrt(_DRAWS / (_DRAWS - 1.0))
             rest = rest - level - free / math.sqrt(run.level_information)
-            out.append(self._filled(i, rest, rng))
+            out.append(self._filled(i, rest, self.noise[run.group], rng))
         return out
 
-    def _filled(self, index: int, draws: FloatArray, rng: np.random.Generator) -> FloatArray:
+    def _filled(
+        self, index: int, draws: FloatArray, noise: NoiseModel, rng: np.random.Generator
+    ) -> FloatArray:
         """Return the draws with short gaps drawn as the noise at hand has them between their neighbours.
 
         A straight line would be smoother than the noise, and the density learnt of it too low.
@@ -295,12 +297,11 @@ class System:
         gaps = self.gaps[index]
         if not gaps.any():
             return draws
-        number = next(n for n, group in enumerate(self.groups) if index in group)
-        noise, parts = self.noise[number], self._parts(index)
-        unknowns = Unknowns(gaps, noise, parts)
+        parts = self._parts(index)
+        missing = MissingSamples(gaps, noise, parts)
         out = np.where(gaps[:, None], 0.0, draws)
         rows = exact_rows([out], noise, parts)
-        out[unknowns.at] = unknowns.expected(rows) + unknowns.drawn(rng, draws.shape[1])
+        out[missing.at] = missing.expected(rows) + missing.drawn(rng, draws.shape[1])
         return out
 
     def residuals(self, model: Model, post: Posterior | None = None) -> list[FloatArray]:
@@ -463,7 +464,10 @@ def time_step_groups(runs: Sequence[PreparedRun]) -> list[list[int]]:
     for i in sorted(range(len(runs)), key=lambda j: -runs[j].time_step):
         for group in reversed(groups):
             first = runs[group[0]]
-            if runs[i].time_step > 0.99 * first.time_step and runs[i].probe == first.probe:
+            if (
+                runs[i].time_step > (1.0 - SAME_INTERVAL) * first.time_step
+                and runs[i].probe == first.probe
+            ):
                 group.append(i)
                 break
         else:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from metrosep.core._arrays import BoolArray, FloatArray
-from metrosep.separation.runs.noise import MAD, NoiseModel, Unknowns, exact_rows, stretches
+from metrosep.separation.runs.noise import MAD, MissingSamples, NoiseModel, exact_rows, stretches
 
 _MARK = 4.5
 """A sample is marked where its own error exceeds so many standard deviations: 7 in a million."""
@@ -248,9 +248,9 @@ def _replaced(residual: FloatArray, marked: BoolArray, model: NoiseModel) -> Flo
     sample with its last coefficient only, and a mark there would be replaced by anything.
     """
     parts, out = stretches(residual), residual.copy()
-    unknowns = Unknowns(marked, model, parts)
+    missing = MissingSamples(marked, model, parts)
     out[marked] = 0.0
-    out[marked] = unknowns.expected(exact_rows([out[:, None]], model, parts))[:, 0]
+    out[marked] = missing.expected(exact_rows([out[:, None]], model, parts))[:, 0]
     return out
 
 
